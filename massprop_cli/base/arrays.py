@@ -14,6 +14,8 @@ TINY = 1e-300
 """Lower bound of divisors and arguments of logarithms."""
 ROUNDING = 1e-9
 """Relative size of a sum, compared with its terms, below which it is a rounding error."""
+NORMAL_MEDIAN = 0.6745
+"""Median of the absolute value of a standard normal deviate."""
 
 
 def frozen(array: Array) -> Array:

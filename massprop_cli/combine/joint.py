@@ -28,9 +28,6 @@ from massprop_cli.model.plant import BearingBody, Reference
 from massprop_cli.result.build import estimate_items, matrix
 from massprop_cli.result.schema import DockedObject, PhaseItem, VehicleInfo, WarningItem
 
-BEYOND = 4.0
-"""Largest difference between a result and all others together, sigmas."""
-
 
 @dataclass(frozen=True)
 class Piece:

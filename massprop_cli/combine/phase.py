@@ -12,8 +12,9 @@ from massprop_cli.base.arrays import Array
 from massprop_cli.base.chance import chance
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import CONTRADICTION
 from massprop_cli.combine import added, fit, incommon, pivot
-from massprop_cli.combine.joint import BEYOND, Joint, Piece, joint, known_object, scale_sigma
+from massprop_cli.combine.joint import Joint, Piece, joint, known_object, scale_sigma
 from massprop_cli.conclude.pivot import estimates_about
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, Verdict
@@ -197,7 +198,7 @@ def _odd_one(parts: Sequence[Part]) -> str:
     pieces, odd = _pieces(parts), []
     for i, part in enumerate(parts):
         rest = joint([*pieces[:i], *pieces[i + 1 :]])
-        agree = chance(rest.chi_square, rest.freedom) >= RARE and not any((np.abs(one) > BEYOND).any() for one in rest.deviates)
+        agree = chance(rest.chi_square, rest.freedom) >= RARE and not any((np.abs(one) > CONTRADICTION).any() for one in rest.deviates)
         odd += [part.label] if agree else []
     return odd[0] if len(odd) == 1 else ""
 
@@ -207,8 +208,12 @@ def _contradictions(parts: Sequence[Part], found: Joint) -> list[str]:
     notes = []
     for part, deviates, pulls in zip(parts, found.deviates, found.pulls, strict=True):
         # absolute values: signs in θ are not those of the quantities
-        differing = [f"{quantity} by {abs(z):.3g} sigma" for quantity, z in zip(QUANTITIES, deviates, strict=True) if abs(z) > BEYOND]
-        pulled = [q for q, pull, z in zip(QUANTITIES, pulls, deviates, strict=True) if abs(pull) > BEYOND and not abs(z) > BEYOND]
+        differing = [
+            f"{quantity} by {abs(z):.3g} sigma" for quantity, z in zip(QUANTITIES, deviates, strict=True) if abs(z) > CONTRADICTION
+        ]
+        pulled = [
+            q for q, pull, z in zip(QUANTITIES, pulls, deviates, strict=True) if abs(pull) > CONTRADICTION and not abs(z) > CONTRADICTION
+        ]
         if differing or pulled:
             message = f"{part.label} differs from the joint estimate of the others: {', '.join(differing) or 'in no single quantity'}"
             message += f", which pulls {', '.join(pulled)} away from it" if pulled else ""
@@ -250,7 +255,7 @@ def _estimate(i: int, quantity: str, of: Gathered) -> Estimate:
         verdicts = ["not_converged" if one == "converged" else one for one in verdicts]
     verdict, reason = _verdict(verdicts, sigma, size)
     distances = [max(abs(deviates[i]), abs(pulls[i])) for deviates, pulls in zip(found.deviates, found.pulls, strict=True)]
-    against = [part.label for part, z in zip(parts, distances, strict=True) if z > BEYOND]
+    against = [part.label for part, z in zip(parts, distances, strict=True) if z > CONTRADICTION]
     against += [part.label for part, own_fit in zip(parts, found.own_fits, strict=False) if chance(*own_fit) < RARE]
     unexplained = found.unexplained or [True] * len(parts)  # the joint fit may explain a log that its own fit did not
     against += [part.label for part, one, bad in zip(parts, verdicts, unexplained, strict=True) if one == "contradicted" and bad]

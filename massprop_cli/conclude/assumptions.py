@@ -13,6 +13,7 @@ import numpy as np
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.levels import CERTAIN, GROSS, KNOWN
 from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.conclude.assumed import AssumedValue, assumed_values
 from massprop_cli.conclude.verdict import Conclusion
@@ -21,7 +22,6 @@ from massprop_cli.errorparameters.table import TABLE
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.offline import assumption_response
 from massprop_cli.estimate.quantities import by_scale, left_by_known
-from massprop_cli.estimate.regression import KNOWN
 from massprop_cli.estimate.rows import AssumptionResponse
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -33,10 +33,6 @@ from massprop_cli.prepare.actuators import channel_names
 from massprop_cli.prepare.stream import Stream
 from massprop_cli.prepare.timing import Timing
 
-UNSEEN = 5.0
-"""Largest misfit that a log may fail to show, sigmas."""
-EXCESS = 4.0
-"""Ratio of the chi-square of the pass to that of the fit above which the pass is invalid; 1.0 where all axes are informed."""
 SHOWN = 0.01
 """Least reported change, as a part of a sigma."""
 
@@ -164,7 +160,7 @@ def without_invalid(analysis: SensitivityAnalysis, settled: Sequence[History]) -
             return True
         values, sigmas = history.bare[0][MOMENTS], np.sqrt(np.diag(history.bare[1]))[MOMENTS]
         chi_square = sum(float((z**2).sum()) for z in history.whitened())
-        return bool((sigmas > KNOWN * np.abs(values)).any()) and response.gram[0, 0] > EXCESS * chi_square + UNSEEN**2
+        return bool((sigmas > KNOWN * np.abs(values)).any()) and response.gram[0, 0] > GROSS * chi_square + CERTAIN**2
 
     pairs = zip(analysis.responses, settled, strict=True)
     return replace(analysis, responses=tuple(None if one is None or invalid(history, one) else one for one, history in pairs))
@@ -267,7 +263,7 @@ def _mass_channels(misfit: Array, shift: Array, conclusion: Conclusion) -> BoolA
     """
     values = conclusion.bare[0]
     sizes, axes = np.linalg.eigh(misfit)
-    unseen = axes[:, 1e-4 * sizes < UNSEEN**2]
+    unseen = axes[:, 1e-4 * sizes < CERTAIN**2]
     by_mass, by_trace = -shift[MU] * values[9], shift[MOMENTS].sum(0) / values[MOMENTS].sum()
     targets = np.stack([by_mass, by_trace]) @ unseen
     if not np.isfinite(targets).all() or np.linalg.matrix_rank(targets, tol=1e-3) < 2:

@@ -11,13 +11,11 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.conclude.score import Doubt
+from massprop_cli.diagnosis.lackoffit import CHANNELS
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.residualtest import REFUTED, deviate, threshold
 from massprop_cli.model.layout import MU
 from massprop_cli.prepare.compensate import BLOCK, Samples, Source
-
-AXES = 6
-"""Tested directions of one channel: three axes of the rate and three of the specific force."""
 
 
 def channel_residual_test(settled: Sequence[History], samples: Source, names: Sequence[str], scatter: float) -> list[Doubt]:
@@ -31,7 +29,7 @@ def channel_residual_test(settled: Sequence[History], samples: Source, names: Se
             explained += _explained(history, samples)
     explained /= max(scatter, 1.0)
     fits = sum(history.reference is not None for history in settled)
-    freedom = AXES * max(fits, 1)
+    freedom = CHANNELS * max(fits, 1)
     sigmas = deviate(explained / freedom, freedom)
     limit = threshold(REFUTED, len(names))
     shifts = [_shift_per_sigma(history) for history in settled]

@@ -15,6 +15,7 @@ import numpy as np
 from massprop_cli import CG, INERTIA, QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray, median
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.levels import CERTAIN, CHANCE, GROSS
 from massprop_cli.conclude.physical import breach
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import POSITIVE, Conclusion, Estimate
@@ -22,18 +23,14 @@ from massprop_cli.diagnosis.fault import Fault
 from massprop_cli.diagnosis.lackoffit import correlation, hidden_error, innovation_test
 from massprop_cli.estimate.disturbances import BEYOND, UNEXPLAINED, beyond_commands
 from massprop_cli.estimate.history import History
-from massprop_cli.estimate.phases import LOST, deviation
+from massprop_cli.estimate.phases import deviation
 from massprop_cli.estimate.quantities import by_scale, in_common
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
 
-HIDDEN = 5.0
-"""Largest hidden error, sigmas. It is an upper bound: most of a misfit does not bias the values. docs/faults.md depends on it."""
 TOO_SMALL = 1.5
 """Largest error, sigmas, by sigmas that the innovation test shows to be too small."""
-GROSS = 4.0
-"""Mean squared innovation of a channel above which every quantity is contradicted, in spite of estimated noise."""
 MATTERS = 1e-3
 """Least error of a quantity, relative to its size."""
 AGREES, ALIKE = 1.0, 1.5
@@ -137,7 +134,7 @@ def misfit_contradiction(
     values = conclusion.values
     sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(values[POSITIVE]))
     sigma = conclusion.sigmas
-    error = np.maximum(hidden / HIDDEN, inflation / TOO_SMALL)  # over the largest allowed number of sigmas
+    error = np.maximum(hidden / CERTAIN, inflation / TOO_SMALL)  # over the largest allowed number of sigmas
     informed = np.array([e.verdict in INFORMED for e in conclusion.estimates.values()])
     with np.errstate(invalid="ignore"):
         affected = informed & (error > sigma) & (np.maximum(hidden, inflation) > MATTERS * sizes)
@@ -177,7 +174,7 @@ def divergence_contradiction(causal: History, settled: History) -> Contradiction
         estimated = np.isfinite(causal.bare[0])
         return Contradiction((Reason.of("fit-lost"),), estimated) if estimated.any() else None
     distance = deviation(causal, settled)
-    affected = distance > LOST
+    affected = distance > CHANCE
     if not affected.any():
         return None
     worst = int(np.nanargmax(np.where(affected, distance, np.nan)))

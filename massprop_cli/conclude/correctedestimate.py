@@ -11,6 +11,7 @@ import numpy as np
 from massprop_cli.base import configfile
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import ITERATIONS, MAIN_PART
 from massprop_cli.conclude.analysis import Analysis, CorrectedEstimate
 from massprop_cli.conclude.estimated import estimated
 from massprop_cli.conclude.firstfit import first_fits
@@ -41,9 +42,6 @@ ESTIMATED_KEYS = (
 """Keys that an estimate sets: noise, disturbances, outliers, low-passes. Two estimates with the same values differ by the correction
 only."""
 INEFFECTIVE = f"{NO_CAUSE}; the nearest hypothesis leaves most of the misfit when corrected:"
-MOST = 0.5
-"""Largest part of the mean squared residual above the noise that the correction of the true cause leaves. It leaves next to nothing;
-another correction leaves almost all."""
 
 
 def with_corrections(found: Analysis, say: Progress) -> tuple[Analysis, list[CorrectedEstimate]]:
@@ -83,7 +81,7 @@ def _corrected(found: Analysis, fault: Fault, say: Progress) -> CorrectedEstimat
         if _leaves_misfit(found, first[1]):
             return "ineffective"
         again = estimated(log, source, (), say, first=first)
-        rivals = tuple(_rival_estimates(found, again, rival, offline.MAX_PASSES) for rival in fault.rivals)
+        rivals = tuple(_rival_estimates(found, again, rival, ITERATIONS) for rival in fault.rivals)
     except InputError:
         return None
     # further faults are corrected like those of any log; each correction halves the misfit at least, so the recursion ends
@@ -97,8 +95,8 @@ def _excess(found: Analysis) -> float:
 
 
 def _leaves_misfit(found: Analysis, corrected: AsStated | None) -> bool:
-    """Whether the corrected fit leaves a significant misfit of more than :data:`MOST` of the original one."""
-    return corrected is not None and corrected.misfit and corrected.left - 1 > MOST * _excess(found) > 0
+    """Whether the corrected fit leaves a significant misfit of more than :data:`MAIN_PART` of the original one."""
+    return corrected is not None and corrected.misfit and corrected.left - 1 > MAIN_PART * _excess(found) > 0
 
 
 def _settings(found: Analysis, correction: Correction, others: Sequence[Correction]) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import Conclusion, Estimate, assembled, tolerances
+from massprop_cli.diagnosis.refit import MOST_CYCLES
 from massprop_cli.errorparameters.parameter import ErrorParameter
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.errorparameters.table import BY_NAME, FAMILY, TABLE
@@ -34,9 +35,6 @@ from massprop_cli.prepare.timing import Timing
 
 UNSPANNED, NOISE = "what no error parameter explains", "noise"
 COMMON, STORED = "scale common to all thrust", "scale common to all stored momentum"
-LONG = 30_000
-"""Cycles of a log above which error parameters that need another preprocessing are omitted: each needs a hundred bytes per cycle. The
-scatter of segments includes them."""
 CG = QUANTITIES.index("cg_x")
 AGING = "mass_rate"
 """Error parameter of falling thrust; the effect of a growing mass is the same."""
@@ -217,7 +215,7 @@ def _columns(setup: Setup, samples: Stream, size_m: float) -> tuple[Consider, Ar
         nuisance = one.estimated and one.sigma(setup.vehicle) > 0
         other_environment = one.environments and setup.vehicle.environment.kind not in one.environments
         preprocessed = one.shown is None and one.redone != "body"
-        if one.usual == 0 or one.per_channel or nuisance or other_environment or (preprocessed and setup.log.cycles > LONG):
+        if one.usual == 0 or one.per_channel or nuisance or other_environment or (preprocessed and setup.log.cycles > MOST_CYCLES):
             continue
         if one.shown is None and one.apply(setup, np.zeros(one.size)) is None:
             continue  # this vehicle does not have the parameter

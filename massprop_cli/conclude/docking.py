@@ -5,15 +5,13 @@ import numpy as np
 from massprop_cli import QUANTITIES, UNITS
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.levels import CHANCE, CONTRADICTION
 from massprop_cli.base.rigidbody import elements, parallel_axis, tensor
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.conclude.verdict import PLANAR, Conclusion, Estimate, Verdict
-from massprop_cli.estimate.known import MISMATCH, off_by
+from massprop_cli.estimate.known import off_by
 from massprop_cli.estimate.quantities import by_first_moment, by_scale, condition, mass_first, open_scale
 from massprop_cli.inputs.vehicle import Known, Vehicle
-
-SIGNIFICANT = 3.0
-"""Least mass difference, sigmas, by which two phases are before and after docking if the vehicle file names none."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
     for name, known in mass_first(vehicle.docking.known if vehicle.docking else {}):
         i = QUANTITIES.index(name)
         z = (known.value - found[i]) / np.sqrt(slope[i] @ joint @ slope[i] + known.sigma**2)
-        if abs(z) > MISMATCH:
+        if abs(z) > CONTRADICTION:
             mismatches.append(f"docking.known.{name} = {known.value:g} {off_by(z)}")
         values, joint = _conditioned(values, joint, slope[i], (name, known), float(found[i]), 0.0 if vehicle.on_air_bearing else None)
         found, slope = difference(values[:10], values[10:]), difference_slope(values[:10], values[10:])
@@ -70,7 +68,7 @@ def docked_object(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> Dock
 
 def has_negative_mass(mass: float, covariance: Array) -> bool:
     """Whether ``mass`` (kg) of an object with this covariance (10, 10) is significantly negative, as with swapped sides."""
-    return bool(mass < -SIGNIFICANT * np.sqrt(covariance[9, 9]))
+    return bool(mass < -CHANCE * np.sqrt(covariance[9, 9]))
 
 
 def negative_mass(mass: float, after: str, before: str, remedy: str) -> Reason:
@@ -89,7 +87,7 @@ def docked_estimates(found: Array, covariance: Array, verdict: Verdict, reason: 
     if not finite and verdict != "contradicted":
         verdict, reason = "unobservable", Reason("sides-untold")
     sigmas = np.sqrt(np.diag(covariance)) if finite else found
-    if verdict == "converged" and found[9] < SIGNIFICANT * sigmas[9]:
+    if verdict == "converged" and found[9] < CHANCE * sigmas[9]:
         verdict, reason = "not_converged", Reason.of("docked-faint", mass=float(found[9]), sigma=float(sigmas[9]))
     estimates = {}
     for i, name in enumerate(QUANTITIES):
@@ -155,7 +153,7 @@ def _pair(conclusions: tuple[Conclusion, ...], vehicle: Vehicle) -> tuple[Conclu
     if vehicle.docking is not None:
         return by_name[vehicle.docking.before], by_name[vehicle.docking.after]
     difference_kg = mass_difference(conclusions, vehicle)
-    if difference_kg is None or abs(difference_kg[0]) <= SIGNIFICANT * difference_kg[1]:
+    if difference_kg is None or abs(difference_kg[0]) <= CHANCE * difference_kg[1]:
         return None
     first, second = sorted(conclusions, key=lambda conclusion: conclusion.phase.start_s)
     return (first, second) if difference_kg[0] > 0 else (second, first)

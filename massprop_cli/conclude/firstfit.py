@@ -15,6 +15,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import CERTAIN
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis.preprocessing import Ready, about_values, ready
 from massprop_cli.diagnosis.ranking import CLEAR
@@ -28,8 +29,6 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, biased_attitude, gathered
 from massprop_cli.prepare.tachometer import change_sigmas
 
-CREDIBLE = 6.0
-"""Largest credible estimate of the gyro bias or an uncertain value, in its stated sigmas; a larger one stands for another error."""
 PASSES, LITTLE = 4, 0.01
 """Most fits for the bias, and the part of its stated sigma at which it has converged. A CG far below its pivot makes the problem
 nonlinear."""
@@ -73,7 +72,7 @@ def _fitted(begun: Ready) -> _First:
     for _ in range(PASSES):
         fit = first.plain.fits[longest]
         at = now if fit is None else np.where(movable, fit.values, 0.0)
-        if np.abs(at - now).max() < NEAR or not np.abs(at).max() < CREDIBLE:
+        if np.abs(at - now).max() < NEAR or not np.abs(at).max() < CERTAIN:
             break
         try:
             about = about_values(begun, at.tolist())
@@ -110,7 +109,7 @@ def _with_gyro_bias(first: _First, with_bias: Callable[[Array], _First]) -> _Fir
     if stated.environment.kind == "planar":
         # a sliding body rotates about Z only: mean rates about X and Y are bias, which the lever arm would turn into force
         level = gathered(samples, slice(0, len(samples)), lambda part: part.rate_rad_s).mean(0) * (1.0, 1.0, 0.0)
-        first = with_bias(level) if np.linalg.norm(level) < CREDIBLE * sigma else first
+        first = with_bias(level) if np.linalg.norm(level) < CERTAIN * sigma else first
         sloped = stated.environment.table_tilt_sigma_rad > 0 and first.plain.misfit
         return _with_yaw_bias(first, lambda bias: with_bias(bias + level)) if sloped else first
     fit = first.plain.fits[0]
@@ -123,7 +122,7 @@ def _with_gyro_bias(first: _First, with_bias: Callable[[Array], _First]) -> _Fir
         if step is None or (found is not first and np.linalg.norm(step) < LITTLE * sigma):
             break
         bias = bias + step
-        if not np.linalg.norm(bias) < CREDIBLE * sigma:
+        if not np.linalg.norm(bias) < CERTAIN * sigma:
             return first
         found = with_bias(bias)
     return found
@@ -135,7 +134,7 @@ def _with_yaw_bias(first: _First, with_bias: Callable[[Array], _First]) -> _Firs
     before, now, after = (one.plain.left for one in (with_bias(-step), first, with_bias(step)))
     curvature = before - 2 * now + after
     sigmas = (before - after) / (2 * curvature) if curvature > 0 else np.inf
-    if not abs(sigmas) < CREDIBLE:
+    if not abs(sigmas) < CERTAIN:
         return first
     found = with_bias(sigmas * step)
     return first if found.plain.misfit else found

@@ -16,7 +16,7 @@ Commands count as lost if the largest L exceeds the threshold and the largest V.
 import numpy as np
 
 from massprop_cli import INERTIA
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import NORMAL_MEDIAN, ROUNDING, Array, median
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.residualtest import DOUBTFUL, share
@@ -29,10 +29,6 @@ LOST, SCATTER = np.geomspace(1e-3, 0.3, 13), np.geomspace(0.005, 1.0, 13)
 SURE = -float(np.log(share(DOUBTFUL, len(LOST))))
 """Threshold of L. The likelihood ratio has the mean 1 under the null hypothesis, so that L exceeds −log α with a probability of at most α
 (Markov's inequality)."""
-FAINT = 1e-9
-"""Least power c of a command; the test omits weaker ones."""
-NORMAL = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 MOST = 600.0
 """Largest exponent, against overflow."""
 
@@ -45,7 +41,7 @@ def lost_commands_test(history: History, samples: Source, used: Resolved) -> dic
     if history.reference is None or history.residual is None or used.spinning or used.rotors or used.estimates_assumptions:
         return {}
     projection, power = _projection(history, samples, used)
-    commanded = power > FAINT
+    commanded = power > ROUNDING
     if not commanded.any():
         return {}
     projection, power = projection[commanded], power[commanded]
@@ -103,4 +99,4 @@ def _projection(history: History, samples: Source, used: Resolved) -> tuple[Arra
 def _noise_factor(residual: Array, sigma: Array) -> float:
     """Standard deviation of the normalised residuals, by the median, which outliers hardly change."""
     valid = np.isfinite(residual) & (sigma > 0)
-    return NORMAL * median(np.abs(residual[valid] / sigma[valid])) if valid.any() else 0.0
+    return (1 / NORMAL_MEDIAN) * median(np.abs(residual[valid] / sigma[valid])) if valid.any() else 0.0

@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, Array
+from massprop_cli.base.levels import CONTRADICTION
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.conclude.verdict import Conclusion
 from massprop_cli.estimate.known import DENSEST, density
 
-BEYOND = 4.0
-"""Sigmas by which an estimate must violate a physical bound to be impossible."""
 THINNEST = 0.05
 """Least density, kg/m³: a twentieth of air. A lower density means that most of the mass is far out, or a wrong unit."""
 _PAIRS = 1 - np.eye(3)
@@ -52,7 +51,7 @@ def breach(conclusion: Conclusion) -> Breach | None:
         return _density_breach(conclusion)
     sigma = _sigma(conclusion, np.array([1.0, 1.0, -1.0]))
     message = f"the inertia breaks the triangle inequality: {low:.4g} + {middle:.4g} < {high:.4g} kg m^2"
-    if violation > BEYOND * sigma:
+    if violation > CONTRADICTION * sigma:
         return Breach(f"{message}; check jets, units and thrust", True)
     return Breach(f"{message}, within its sigmas ({violation:.2g} ± {sigma:.2g} kg m^2): a flat body is at the limit", False)
 
@@ -62,7 +61,7 @@ def _density_breach(conclusion: Conclusion) -> Breach | None:
     mass, trace = conclusion.estimates["mass"], float(conclusion.principal_moments.sum())
     if not conclusion.rotating_mass > 0 or mass.sigma is None:
         return None
-    margin = BEYOND * np.array([mass.sigma, _sigma(conclusion, np.ones(3))])
+    margin = CONTRADICTION * np.array([mass.sigma, _sigma(conclusion, np.ones(3))])
     densest, thinnest = ((conclusion.rotating_mass + sign * margin[0], trace - sign * margin[1]) for sign in (1, -1))
     if densest[1] > 0 and density(*densest) < THINNEST:
         radius = float(np.sqrt(densest[1] / densest[0] / 1.2))
@@ -78,7 +77,7 @@ def _not_positive(conclusion: Conclusion, low: float) -> Breach:
     """Violation by the least principal moment ``low``; near zero for a rod, so noise puts half of its estimates below zero."""
     sigma = _sigma(conclusion, np.array([1.0, 0.0, 0.0]))
     message = f"the inertia is not positive definite (least principal moment {low:.4g} kg m^2"
-    if -low > BEYOND * sigma:
+    if -low > CONTRADICTION * sigma:
         return Breach(f"{message})", True)
     return Breach(f"{message}, within its sigma of {sigma:.2g})", False)
 

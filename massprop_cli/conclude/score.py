@@ -12,6 +12,7 @@ import numpy as np
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array, BoolArray
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.levels import CONTRADICTION
 from massprop_cli.conclude.assumptions import SensitivityAnalysis
 from massprop_cli.conclude.contradict import Contradiction
 from massprop_cli.conclude.reason import Reason
@@ -28,8 +29,6 @@ IN_DOUBT_RARE = 3.5
 FAR, PART = 2.0, 0.005
 """Least change of a value that depends on an assumption in doubt: in its sigmas, and relative to its size. The most likely error is itself
 uncertain."""
-ALMOST_CERTAIN = 4.0
-"""Score above which chance is unlikely and the bound relative to the value's size does not apply, sigmas."""
 SCALES = (GYRO, ACCELEROMETER)
 """Sensors whose three axes are also tested with one common scale."""
 ACTUATOR_SCALE = "scale of one kind of actuators"
@@ -140,7 +139,7 @@ def doubtful_values(conclusion: Conclusion, phase: int, found: Sequence[Doubt], 
     sizes = sizes.copy()
     sizes[POSITIVE] = np.fmin(sizes[POSITIVE], np.abs(conclusion.values[POSITIVE]))
     for doubt, change in _changes(conclusion, phase, [doubt for doubt in found if not (doubt.refuted or doubt.joint)]):
-        part = 0.0 if doubt.of_scale or doubt.sigmas > ALMOST_CERTAIN else PART
+        part = 0.0 if doubt.of_scale or doubt.sigmas > CONTRADICTION else PART
         least = np.maximum(far * conclusion.sigmas, part * sizes)
         for name, hit, by in zip(QUANTITIES, change > least, change / conclusion.sigmas, strict=True):
             if hit and name not in reasons:

@@ -10,6 +10,7 @@ from massprop_cli import CG, INERTIA, QUANTITIES, UNITS
 from massprop_cli.base import spill
 from massprop_cli.base.arrays import Array, BoolArray, runs
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.levels import CONTRADICTION
 from massprop_cli.base.rigidbody import parallel_axis, tensor
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.estimate.history import History
@@ -47,8 +48,6 @@ PRECISE = 0.1
 """Largest sigma, as a part of the tolerance, of a quantity that converges without the full number of steady updates, ..."""
 LEAST_STEADY = 0.25
 """... and the part of that number that it needs."""
-FINAL_SIGMAS = 4.0
-"""Largest distance of a final value from the last one, in its own sigmas."""
 THESIS_TOLERANCE = {"inertia": 0.05, "cg": 0.05, "mass": 0.1}
 """Tolerances of the thesis, kg m², m, kg."""
 
@@ -193,11 +192,11 @@ def in_doubt(conclusion: Conclusion, reasons: Mapping[str, Reason]) -> Conclusio
 
 
 def _final_time(history: History, i: int, first: int, tolerance: float) -> float:
-    """Time, s, from row ``first`` on, after which the value stays within its tolerance and :data:`FINAL_SIGMAS` of the last value."""
+    """Time, s, from row ``first`` on, after which the value stays within its tolerance and :data:`CONTRADICTION` of the last value."""
     row = first
     for part in spill.parts(len(history.values), first):
         distance = np.abs(history.values[part, i] - history.values[-1, i])
-        outside = np.flatnonzero((distance > tolerance) | (distance > FINAL_SIGMAS * history.sigmas[part, i]))
+        outside = np.flatnonzero((distance > tolerance) | (distance > CONTRADICTION * history.sigmas[part, i]))
         row = part.start + int(outside[-1]) + 1 if outside.size else row
     return float(history.time_s[row])
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import TINY, Array, BoolArray
+from massprop_cli.base.levels import CONTRADICTION
 from massprop_cli.conclude.reason import Reason
-from massprop_cli.estimate.disturbances import CLIP
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.residualtest import DOUBTFUL, deviate, threshold
 from massprop_cli.inputs.estimatorsettings import UNWIDENED
@@ -81,7 +81,7 @@ def autocorrelation_and_kurtosis(normalised: Array, least: float = TINY) -> tupl
     count = len(rows)
     if count < LEAST:
         return np.zeros((len(LAGS), 6)), np.zeros(6), count
-    clipped = np.clip(rows, -CLIP, CLIP)
+    clipped = np.clip(rows, -CONTRADICTION, CONTRADICTION)
     power = np.maximum((clipped**2).sum(0), least * count)
     correlations = np.array([(clipped[lag:] * clipped[:-lag]).sum(0) / power for lag in LAGS])
     correlations[0, :3] = 0.0

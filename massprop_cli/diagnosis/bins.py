@@ -8,12 +8,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.arrays import NORMAL_MEDIAN, Array, median
 from massprop_cli.diagnosis import segment
 from massprop_cli.diagnosis.delay import initial_reference
 from massprop_cli.diagnosis.fit import response
 from massprop_cli.errorparameters.setup import Setup, stating
-from massprop_cli.estimate.noiselevels import MEDIAN, with_noise_levels
+from massprop_cli.estimate.noiselevels import with_noise_levels
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import products
 from massprop_cli.prepare.compensate import Samples
@@ -69,7 +69,7 @@ def _residual(parts: Sequence[Samples], expected: Sequence[tuple[Array, Array]])
     """
     rate_residual = np.concatenate([np.diff(part.rate_rad_s, axis=0) - steps for part, (steps, _) in zip(parts, expected, strict=True)])
     force_residual = np.concatenate([part.specific_force_m_s2 - force for part, (_, force) in zip(parts, expected, strict=True)])
-    return np.asarray(np.array([median(np.abs(column)) for column in (*(rate_residual / np.sqrt(2)).T, *force_residual.T)]) / MEDIAN)
+    return np.asarray(np.array([median(np.abs(column)) for column in (*(rate_residual / np.sqrt(2)).T, *force_residual.T)]) / NORMAL_MEDIAN)
 
 
 def _squares(parts: Iterable[Array]) -> float:

@@ -10,6 +10,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
+from massprop_cli.base.levels import ENOUGH, ITERATIONS, PARTS
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.regression import STILL
 from massprop_cli.estimate.triangle import Triangle
@@ -19,13 +20,6 @@ from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Source
 
-SHORTEST = 40
-"""Least cycles on each side."""
-PARTS = 32
-"""Parts that are left out in turn, and cycles that are tested one by one."""
-STEPS = 12
-"""Most Gauss–Newton steps to a body, which may be a hundred times as heavy as its initial value."""
-
 
 def change_cycle(samples: Source, piece: slice, reference: Reference, vehicle: Resolved) -> int | None:
     """Cycle before which a change explains most; None if ``piece`` is too short.
@@ -33,7 +27,7 @@ def change_cycle(samples: Source, piece: slice, reference: Reference, vehicle: R
     Recursively select the part without which two bodies leave the least chi-square, down to single cycles. Each body starts from that of
     its end of the piece, and from ``reference``.
     """
-    if piece.stop - piece.start < 4 * SHORTEST:
+    if piece.stop - piece.start < 4 * ENOUGH:
         return None
     quarter = (piece.stop - piece.start) // 4
     parts = slice(piece.start, piece.start + quarter), slice(piece.stop - quarter, piece.stop)
@@ -54,7 +48,7 @@ def change_cycle(samples: Source, piece: slice, reference: Reference, vehicle: R
 
     left: Array = np.zeros((triangle.phi_map.size + 1, triangle.phi_map.size + 1))
     right = left
-    first, end, low, high = piece.start, piece.stop, piece.start + SHORTEST, piece.stop - SHORTEST
+    first, end, low, high = piece.start, piece.stop, piece.start + ENOUGH, piece.stop - ENOUGH
     while high - low > PARTS:
         edges = np.unique(np.linspace(low, high, min(PARTS, (high - low) // 2) + 1).astype(int)).tolist()
         first_parts, last_parts = (
@@ -88,7 +82,7 @@ def least_chi_squares(triangles: Array, reference: Reference, vehicle: Resolved)
 
 def _least_chi_square(triangle: Array, phi_map: ResponseMap, theta: Array) -> float:
     by_phi, measured = triangle[:, : phi_map.size], triangle[:, phi_map.size]
-    for _ in range(STEPS):
+    for _ in range(ITERATIONS):
         phi, slopes = phi_map.coefficients(theta)
         scale = phi_map.sizes(theta)
         rows = np.column_stack([by_phi @ (slopes * scale), measured - by_phi @ phi])

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from massprop_cli.base.levels import ITERATIONS, SLIGHT
 from massprop_cli.diagnosis import hypotheses
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted
 from massprop_cli.diagnosis.corrections import correction_of, uncertain_corrections
@@ -15,10 +16,6 @@ from massprop_cli.diagnosis.refit import Refit, chi_square_limit, hopeless, refi
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.inputs.notice import Notice
 
-SLIGHT = 0.01
-"""Least change of a second channel's thrust, if one cause fits already."""
-EXCHANGES = 4
-"""Most successive exchanges."""
 CHANNELS = 3
 """Pairs of channels that are refitted."""
 
@@ -31,7 +28,7 @@ def swapped(screening: Screening) -> Diagnosis | None:
 def wired(screening: Screening) -> list[Refit]:
     """Refits of exchanged actuators: two, several exchanges in succession, or of few any three."""
     refits, wiring, least = list[Refit](), tuple[int, ...](), np.inf
-    for _ in range(EXCHANGES):
+    for _ in range(ITERATIONS):
         likeliest = _likeliest(screening, hypotheses.swapped(screening.model, screening.names, wiring))
         if not likeliest or screening.likelihood(likeliest[0].chi_square) > least - CLEAR:
             break

@@ -20,6 +20,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array, IntArray, triangle_of
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.levels import RESOLUTION
 from massprop_cli.diagnosis.design import INTEGRATED, Case, Design
 from massprop_cli.estimate.whitening import LEVELS, TORQUES, Disturbance, ReducedLeastSquares, reduced, whitened, whitened_fits
 
@@ -27,8 +28,6 @@ HALF_WAVES = 12
 """Half-waves over a segment in which the specific force may wander, if gyro noise is integrated to an attitude."""
 LEVEL_FACTORS = tuple(10 ** (k / 4) for k in range(-4, 5) if k)
 """Factors on the level of a torque that was selected from levels a hundred times apart."""
-RESOLUTION = 1e-4
-"""Relative size below which a misfit does not count, because the motion within a cycle is modelled as linear."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import TINY, Array, BoolArray, IntArray
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.levels import CHANCE, ITERATIONS
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis.channelwise import FreeResponse
 from massprop_cli.diagnosis.coefficients import Model
@@ -27,16 +28,12 @@ from massprop_cli.estimate.whitening import ReducedLeastSquares
 from massprop_cli.kernel import kernel
 from massprop_cli.model.plant.plant import MOMENT, MU, J
 
-STEPS = 8
-"""Most steps of a fit."""
 PULL = 0.01
 """Prior information of a body's entries: inverse sigma about the initial regression, over the natural size."""
 STILL, ROUGHLY = 1e-3, 0.1
 """Change of −2 log likelihood that ends a fit; and that for a ranking."""
 ACTS_ON = {"gyro_bias": slice(0, 3), "drag": slice(0, 3), "accel_bias": slice(3, 6), "slope": slice(3, 5), "tilt": slice(3, 5)}
 """Channels that each nuisance parameter acts on."""
-USUAL = 9.0
-"""Square of a nuisance parameter over its variance, up to which it has no penalty."""
 HALF_STEP = 1e-6
 """Step of a derivative, in prior sigmas."""
 
@@ -162,7 +159,7 @@ def _fitted_together(
         directions[i, :, first_own : first_own + one.directions.shape[1]] = one.directions
     prior_root = np.concatenate([np.full(10, PULL), np.ones(first_own + most_unknowns - 10)])
     result = (
-        rows.packed.fitted(x, directions, prior_root, (tolerance, rows.degrees_of_freedom, STEPS))
+        rows.packed.fitted(x, directions, prior_root, (tolerance, rows.degrees_of_freedom, ITERATIONS))
         if compiled()
         else _gauss_newton(rows, directions, prior_root, x, tolerance)
     )
@@ -178,7 +175,7 @@ def _nuisance_penalty(model: Model, moved: Array) -> Array:
     """(H, 6) penalty of nuisance parameters that the fits moved by ``moved`` (H, nx)."""
     penalty = np.zeros((len(moved), 6))
     for name, sigma in model.nuisances.items():
-        penalty[:, ACTS_ON[name]] += np.maximum((moved[:, model.place(name)] / sigma) ** 2 - USUAL, 0.0)
+        penalty[:, ACTS_ON[name]] += np.maximum((moved[:, model.place(name)] / sigma) ** 2 - CHANCE**2, 0.0)
     return penalty
 
 
@@ -190,7 +187,7 @@ def compiled() -> bool:
 def _gauss_newton(rows: _LeastSquares, directions: Array, prior_root: Array, x: Array, tolerance: float) -> Fits:
     descent = _Descent(rows, directions, prior_root, x.copy())
     active = np.arange(len(x))
-    for _ in range(STEPS):
+    for _ in range(ITERATIONS):
         gained = descent.step(active)
         # the change in the likelihood with free noise levels
         active = active[gained > tolerance * (1 + descent.cost[active] / rows.degrees_of_freedom)]

@@ -14,11 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.diagnosis.fit import PASSES, Extra, Fit, fit, response
-from massprop_cli.diagnosis.freeresponse import FEWEST, line_minimum, log_costs, motion_costs, motion_of
+from massprop_cli.base.levels import CONTRADICTION, ENOUGH, ITERATIONS
+from massprop_cli.diagnosis.fit import Extra, Fit, fit, response
+from massprop_cli.diagnosis.freeresponse import line_minimum, log_costs, motion_costs, motion_of
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.errorparameters.table import BY_NAME
 from massprop_cli.estimate.initial import first_reference
@@ -51,9 +52,6 @@ SIGNIFICANT = 3.0
 channels, all that move on a table. Real flights, whose model is no better, have less than a fifth of it."""
 FINEST = 1 / 512
 """Final step of the search by commands alone, cycles."""
-SHARPEST = 1e-12
-"""Least credible sigma of a delay, cycles."""
-STEPS = 6
 MORE_STEPS = 20
 """Most steps for a lag; it is nearly collinear with the delay, so steps are small."""
 SETTLED = 1e-3
@@ -63,8 +61,6 @@ SHORT, FARTHER = 0.1, 2.0
 time constant that is tested, relative to it."""
 LITTLE = 0.05
 """Largest step of a cutoff at convergence, sigmas."""
-BELOW = 4.0
-"""Sigmas by which an estimated lag may be negative by chance."""
 CUTOFFS_HZ = (300.0, 180.0, 110.0, 70.0, 45.0, 28.0, 18.0, 11.0, 7.0)
 """Cutoffs of the coarse search, Hz."""
 LATENCIES_S = (0.0, 0.0015, 0.003, 0.006, 0.012)
@@ -145,7 +141,7 @@ def detect(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], prior:
     references = dict[int, Reference]()
     prior_information = np.array([1 / sigma**2 if sigma else 0.0 for sigma in prior or [0.0] * len(unknown)])
     initial = np.array([cycles_of(setup, name) for name in unknown])
-    for _ in range(STEPS if list(unknown) == ["delay"] else MORE_STEPS):
+    for _ in range(ITERATIONS if list(unknown) == ["delay"] else MORE_STEPS):
         move = _joint_step(setup_now, pieces, unknown, references)
         if move is None:
             return None
@@ -165,7 +161,7 @@ def detect(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], prior:
     else:
         return None
     limits = [PRIOR / 2 * max(1.0, setup_now.timing.lag) if name == "lag" else PRIOR / 2 for name in unknown]
-    if not (sigmas < limits).all() or setup_now.timing.lag < -BELOW * _sigmas(unknown, covariance).lag:
+    if not (sigmas < limits).all() or setup_now.timing.lag < -CONTRADICTION * _sigmas(unknown, covariance).lag:
         return None
     imu = setup_now.vehicle.imu if set(unknown) - {"delay", "lag"} else None
     return FoundTiming(setup_now.timing, _sigmas(unknown, covariance), move.chi_square, tuple(unknown), covariance, imu)
@@ -254,7 +250,7 @@ def low_passes(log: Log, vehicle: Vehicle, timing: Timing, cutoffs: Sequence[str
 
 def timing_near(stated: Timing, change: float, sigma: float, chi_square: float) -> FoundTiming | None:
     """Timing with a delay ``change`` than stated, ± ``sigma``, cycles; None if the log does not determine it."""
-    if not SHARPEST < sigma < PRIOR / 2:
+    if not ROUNDING < sigma < PRIOR / 2:
         return None
     return FoundTiming(stated._replace(delay=stated.delay + change), Timing(sigma, 0.0), chi_square, covariance=np.array([[sigma**2]]))
 
@@ -283,7 +279,7 @@ def search(
             costs.append(np.inf)
             continue
         usable = [slice(p.start + unknown, p.stop) for p in pieces or [slice(0, log.cycles)]]  # the same cycles for every candidate
-        parts = [sum(motion_costs(motion, impulse, piece)) for piece in usable if piece.stop - piece.start > FEWEST]
+        parts = [sum(motion_costs(motion, impulse, piece)) for piece in usable if piece.stop - piece.start > ENOUGH]
         costs.append(float(np.sum(parts)) if parts else np.inf)
     return [Rated(candidates[i], costs[i]) for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
 
@@ -343,7 +339,7 @@ def _joint_step(
         if linear is None:
             continue
         spread = linear.extra_covariance[:size, :size] * max(linear.chi_square, 1.0)
-        if np.linalg.eigvalsh(spread)[0] < SHARPEST**2:
+        if np.linalg.eigvalsh(spread)[0] < ROUNDING**2:
             continue
         count = cycles.stop - cycles.start
         after, rows = after + count * linear.chi_square, rows + count
@@ -358,11 +354,11 @@ def _joint_step(
 
 def fit_near(samples: Samples, cycles: slice, reference: Reference | None, vehicle: Resolved) -> Fit | None:
     """Fit about a reference, or about the initial one if there is none or it fits badly; None if the response diverges."""
-    current = None if reference is None else fit(samples, cycles, reference, vehicle, passes=PASSES)
+    current = None if reference is None else fit(samples, cycles, reference, vehicle, passes=ITERATIONS)
     if current is not None and current.chi_square <= MISFIT:
         return current
     initial = initial_reference(samples, cycles, vehicle)
-    from_initial = None if initial is None else fit(samples, cycles, initial, vehicle, passes=PASSES)
+    from_initial = None if initial is None else fit(samples, cycles, initial, vehicle, passes=ITERATIONS)
     return min((one for one in (current, from_initial) if one is not None), key=lambda one: one.chi_square, default=None)
 
 

@@ -16,6 +16,7 @@ from itertools import chain, islice
 
 import numpy as np
 
+from massprop_cli.base.levels import MAIN_PART
 from massprop_cli.diagnosis import NO_CAUSE, delay, hypotheses
 from massprop_cli.diagnosis.channelpairs import swapped, two_channels, wired
 from massprop_cli.diagnosis.comparison import Fitted
@@ -39,7 +40,7 @@ from massprop_cli.diagnosis.phaseboundary import phase_boundary
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.recordings import logged_after, low_pass_refits, recording_refits, units_by_noise
 from massprop_cli.diagnosis.refit import (
-    MOST,
+    MOST_CYCLES,
     Refit,
     chi_square_limit,
     corrected_alone,
@@ -63,9 +64,6 @@ FINALISTS = (6, 12)
 FIRST, SECOND = (2, 3), 2
 """Number of first causes of pairs, in free flight and on a bearing, where gravity separates the stated mounting from others but these not
 from one another; and refits of second causes for each if none fits (docs/faults.md, dead-turned)."""
-WITH_IT = 0.5
-"""Part of the excess of a first cause, fitted alone, that a screened second cause may leave. A weak jet next to a tilted IMU left up to
-0.26 (docs/faults.md, weak-tilted)."""
 NOTHING = 0.5
 """Sigmas of chance within which a refit leaves nothing to explain."""
 
@@ -139,7 +137,7 @@ def _around_change(case: Case, pieces: Sequence[slice]) -> Screening | None:
     longest = max(pieces, key=lambda piece: piece.stop - piece.start)
     if longest.stop - longest.start <= LONGEST or (case.vehicle.pivoted and case.log.attitude_wxyz is None):
         return None
-    part, piece = busiest(case, longest, MOST)
+    part, piece = busiest(case, longest, MOST_CYCLES)
     change_at = likeliest_change(part, piece)
     if change_at is None:
         return None
@@ -309,7 +307,7 @@ def _pairs_with(screening: Screening, first: Refit | None, others: Sequence[Refi
     most = chi_square_limit(first.screening)
     if first.fitted.unknowns and np.isfinite(first.score):
         # the values of a first cause fitted alone move with a second
-        most = max(most, WITH_IT * first.screening.misfit * first.screening.degrees_of_freedom)
+        most = max(most, MAIN_PART * first.screening.misfit * first.screening.degrees_of_freedom)
     worst_excess = worst - first.screening.free_cost - first.unit_cost
     return searched(screening, [], (SECOND, FINALISTS[0]), most, first, others, worst_excess)
 

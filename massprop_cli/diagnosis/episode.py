@@ -12,6 +12,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import written
+from massprop_cli.base.levels import SLIGHT
 from massprop_cli.diagnosis.corrections import Correction, time_text
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import PART, Refit
@@ -34,8 +35,6 @@ MOST = 2.5
 """Largest difference of a jet's thrust from the stated one; a reversed jet differs by 2."""
 EXACT, SURE = (0.0, -1.0), 4.0
 """Exact thrust factors, dead and reversed; sigmas within which a thrust is rounded to them."""
-LITTLE = 0.05
-"""Least change of a jet's thrust."""
 
 
 class Episode(NamedTuple):
@@ -123,7 +122,7 @@ def _windows(screening: Screening, disturbance: Disturbance) -> list[Window]:
     """Windows of the jets with the most gain, the best first."""
     regression = WindowRegression(screening, screening, disturbance)
     candidates = (regression.best_window(i) for i in range(screening.model.thrusting))
-    windows = [one for one in candidates if one is not None and abs(one.thrust - 1) > LITTLE]
+    windows = [one for one in candidates if one is not None and abs(one.thrust - 1) > SLIGHT]
     best_gain = max((one.gain for one in windows), default=0.0)
     return sorted((one for one in windows if one.gain > AS_WELL * best_gain), key=lambda one: -one.gain)[:LIKELY]
 
@@ -185,7 +184,7 @@ def _iterated(screening: Screening, window: Window, disturbance: Disturbance) ->
             applied.failure.thrust,
         )
         next_window = regression.best_window(window.channel, applied.window)
-        if next_window is None or not LITTLE < abs(next_window.thrust - 1) < MOST:
+        if next_window is None or not SLIGHT < abs(next_window.thrust - 1) < MOST:
             return None
         rounded = next(
             (value for value in EXACT if abs(next_window.thrust - value) < max(NEAR, SURE * next_window.sigma)), next_window.thrust

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.diagnosis import NO_CAUSE, UNKNOWN, hypotheses, normalised
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Correction, applied, correction_of, is_certain, skew_corrections, uncertain_corrections
@@ -32,13 +32,9 @@ LOGGED_AFTER = (
 )
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
 """Where to correct the columns of a plain log, and those of a recording."""
-NEARLY = 4.6
-"""−2 log of the odds, 1 : 10, up to which neither of two codes is named."""
 EVEN = 6.0
 """−2 log of the odds, 1 : 20, up to which two causes of the same code are named side by side."""
 
-ALIKE = 1e-9
-"""Largest difference of equal factors."""
 UNIT = float(np.log(2.0))
 """Log of the least factor that may be a unit of torques or forces; a smaller one is a scale, which can be stated as uncertain."""
 
@@ -93,7 +89,7 @@ def _faults(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (), al
             message += f", or else {_joined(rival_causes)}"
         else:
             rival_texts.append(f"{_joined(rival_causes)} (odds {np.exp((refit.score - rival.score) / 2):.2g} to 1)")
-            named = [code for code in named if code in dict(rival_causes) or rival.score > refit.score + NEARLY]
+            named = [code for code in named if code in dict(rival_causes) or rival.score > refit.score + EVEN]
     inertia_text, inertia_corrections = _rotor_inertia(refit)
     message = f"the log fits if {message}{inertia_text}"
     if rival_texts:
@@ -177,7 +173,7 @@ def _rotor_inertia(refit: Refit) -> tuple[str, tuple[Correction, ...]]:
     subject, factors = cause.hypothesis.subject, refit.fitted.factors
     all_of_them = cause.hypothesis.code == "thrust-scale" and len(rotors) > 1 and subject == tuple(rotor.name for rotor in rotors)
     inertia = [rotor.spin_inertia_kg_m2 for rotor in rotors if rotor.spin_inertia_kg_m2 is not None]
-    if not all_of_them or not float(np.ptp(factors)) < ALIKE or len(inertia) < len(rotors) or not factors[0] > 0:
+    if not all_of_them or not float(np.ptp(factors)) < ROUNDING or len(inertia) < len(rotors) or not factors[0] > 0:
         return "", ()
     keys = tuple(f"rotors.{i}.spin_inertia_kg_m2={own / factors[0]:.9g}" for i, own in enumerate(inertia))
     return f", or else they have {1 / factors[0]:.4g} times the stated spin_inertia_kg_m2", (Correction(keys),)

@@ -8,6 +8,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, triangle_of
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.levels import ITERATIONS
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import PARAMETERS, RATE, Layout
 from massprop_cli.model.linearise import Linear, linearise
@@ -16,8 +17,6 @@ from massprop_cli.model.plant import Reference
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Source
 
-PASSES = 8
-"""Most Gauss–Newton steps."""
 SETTLED = 1e-5
 """Relative change of chi-square at which they end."""
 PRIOR = 100.0
@@ -64,7 +63,7 @@ def response(samples: Source, cycles: slice, reference: Reference, vehicle: Vehi
 
 
 def fit(
-    samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, extra: Extra | None = None, passes: int = PASSES
+    samples: Source, cycles: slice, reference: Reference, vehicle: Resolved, extra: Extra | None = None, passes: int = ITERATIONS
 ) -> Fit | None:
     """Fit a segment by Gauss–Newton from ``reference``; with ``passes`` 0, by one linear fit about it.
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import ENOUGH
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -22,9 +23,6 @@ from massprop_cli.model.gyroscopic import products
 from massprop_cli.prepare.align import Impulses, impulses
 from massprop_cli.prepare.compensate import Samples
 from massprop_cli.prepare.timing import Timing
-
-FEWEST = 30
-"""Least number of cycles with known commands."""
 
 NEAR, FLAT = 0.01, 1e3
 """Step of the second difference of a cost, in the unit of the value, and the least curvature that gives a sigma (0.04)."""
@@ -68,7 +66,7 @@ def known_impulses(log: Log, vehicle: Vehicle, timing: Timing, first: int = 0) -
     """
     impulse = impulses(log, vehicle, timing.delay, timing.lag_s(vehicle))
     cycles = slice(max(first, int(np.argmax(impulse.usable)) + 1), log.cycles)
-    if cycles.stop - cycles.start < FEWEST + 3 * impulse.whole.shape[1]:
+    if cycles.stop - cycles.start < ENOUGH + 3 * impulse.whole.shape[1]:
         raise InputError(f"{log.path}: {cycles.stop - cycles.start} cycles are too few to show what the IMU records; record longer")
     return impulse, cycles
 

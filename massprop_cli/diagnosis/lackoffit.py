@@ -21,6 +21,7 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array, BoolArray, IntArray, last_before, singular, triangle_of
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.rigidbody import times
+from massprop_cli.diagnosis.design import CYCLES_PER_COLUMN
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.residualtest import REFUTED, deviate, threshold
 from massprop_cli.inputs.vehicle import Vehicle
@@ -40,8 +41,6 @@ CHANNELS = 6
 """Tested channels: rate x y z, specific force x y z."""
 WANDER, LEAST_WANDER = 21, 3
 """Cycles within which slow variation is negligible, but pulses begin and end; least cycles of a mean."""
-SPARE = 3
-"""Least residuals per probe."""
 
 
 def correlation(stated: Vehicle) -> float:
@@ -70,7 +69,7 @@ def innovation_test(history: History, samples: Source, spread: float = 1.0) -> A
         return np.ones(6)
     # a triangle has the same inner products as its rows
     basis = _orthonormal(folded[:, :-6])
-    if basis.shape[1] == 0 or count < SPARE * basis.shape[1]:
+    if basis.shape[1] == 0 or count < CYCLES_PER_COLUMN * basis.shape[1]:
         return np.ones(6)
     mean = ((basis.T @ folded[:, -6:]) ** 2).mean(0)
     return np.where(deviate(mean / spread, basis.shape[1]) > threshold(REFUTED, CHANNELS), np.sqrt(mean), 1.0)
@@ -261,7 +260,7 @@ def _hidden_squares(rows: _MeasurementRows, share: Array, spread: float) -> Arra
     residual = residual - (left @ (left.T @ residual.ravel())).reshape(residual.shape)
     bases = [_orthonormal(probes) for probes in rows.probes] * (3 // len(rows.probes))
     count = np.array([basis.shape[1] for basis in bases])
-    if not count.all() or rows.count < SPARE * count.max():
+    if not count.all() or rows.count < CYCLES_PER_COLUMN * count.max():
         return np.zeros(10)
     explained = np.array([((basis.T @ of_axis) ** 2).sum() for basis, of_axis in zip(bases, residual, strict=True)])
     pure = spread * np.maximum(((residual**2).sum(1) - explained) / (rows.count - count), TINY)

@@ -10,6 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
+from massprop_cli.base.levels import CHANCE
+from massprop_cli.diagnosis.corrections import ANEW
 from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, cycles_of, detect, differences
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.freeresponse import MeasuredMotion, costs_with, line_minimum, motion_of, sigma_at
@@ -24,10 +26,6 @@ SLOWER = tuple(np.log([0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.5, 5.0, 10.0]).tolist())
 """Initial logarithms of the common factor on the time constants."""
 STEP, FINEST = 0.5, 1 / 512
 """First and last step of that search."""
-ROUGHLY = 3.0
-"""Factor on the stated sigma of a value, so that an estimate with it hardly uses the log twice."""
-MOVED = 3.0
-"""Least change of a cutoff, sigmas."""
 MOST = 0.8
 """Least gain over that of the best hypothesis."""
 
@@ -77,8 +75,8 @@ class _Search:
         states, codes = KeyValues(), list[str]()
         for sensor, name, by, sigma in zip(filtered, names, changes, sigmas, strict=True):
             key = f"imu.{sensor}_filter.cutoff_hz"
-            if by > MOVED * sigma:
-                spread = ROUGHLY * sigma * BY_NAME[name].scale(setup.vehicle)
+            if by > CHANCE * sigma:
+                spread = ANEW * sigma * BY_NAME[name].scale(setup.vehicle)
                 states |= {key: float(setup.value(key)[0]), SIGMA_KEYS[key]: float(f"{spread:.3g}")}
                 codes.append(f"{sensor}-filter")
         later = timing.at.delay - case.timing.delay
@@ -112,7 +110,7 @@ class _Search:
 
         by = line_minimum(cost, LATER, STEP, FINEST)
         one_sigma = value(by + sigma_at(cost, by))
-        states: KeyValues = {key: value(by), SIGMA_KEYS[key]: float(f"{ROUGHLY * abs(one_sigma - value(by)):.3g}")}
+        states: KeyValues = {key: value(by), SIGMA_KEYS[key]: float(f"{ANEW * abs(one_sigma - value(by)):.3g}")}
         return self.cost - cost(by), KeyHypothesis((f"{sensor}-filter",), states, ({key: one_sigma},), later, self.loose)
 
     def _later(self, sensors: Sequence[int]) -> float:

@@ -4,22 +4,19 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from massprop_cli.base.levels import MAIN_PART, SLIGHT
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import change
 from massprop_cli.diagnosis.corrections import Correction
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
-from massprop_cli.diagnosis.refit import MOST
+from massprop_cli.diagnosis.refit import MOST_CYCLES
 from massprop_cli.diagnosis.screening import Screening, busiest, relinearised, screened
 from massprop_cli.diagnosis.undisturbed import Undisturbed
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.model.plant.plant import MU
 
-LEFT = 0.5
-"""Part of the excess of one body that two bodies may leave; a real change leaves a tenth (docs/faults.md)."""
-PROPORTION = 0.02
-"""Relative difference up to which two bodies count as proportional in all that answers thrust, or as different in the CG alone."""
 COMMANDED = 30.0
 """Least significance, in sigmas, of a motion that follows the commands. Vehicles moved by their commands have hundreds, commands of another
 recording six, and commands shifted by some cycles 20."""
@@ -42,7 +39,7 @@ def mass_change(screening: Screening, torque: Screening, segments: Segments, les
     None if two bodies leave no less than ``less_than`` of excess chi-square.
     """
     log, piece = screening.case.whole or (screening.case.log, screening.piece)
-    case, piece = busiest(screening.case._replace(log=log), piece, MOST)
+    case, piece = busiest(screening.case._replace(log=log), piece, MOST_CYCLES)
     change_at = likeliest_change(case, piece)
     if change_at is None:
         return None
@@ -52,7 +49,7 @@ def mass_change(screening: Screening, torque: Screening, segments: Segments, les
     if not all(side is not None and side.fits for side in sides):
         return None
     excess = sum(side.excess for side in sides if side is not None)
-    if excess > LEFT * torque.excess or excess >= less_than:
+    if excess > MAIN_PART * torque.excess or excess >= less_than:
         return None  # the sides fit only because they are shorter, or something else explains as much
     kept = segments()
     if kept is not None and (len(kept.kept_s) > 1 or kept.command_significance < COMMANDED):
@@ -73,7 +70,7 @@ def _thrust_alternative(screening: Screening, sides: Sequence[Screening | None])
     before, after = (side.stated.value("theta")[answers] for side in sides if side is not None)
     ratios = after / before
     ratio = float(ratios.mean())
-    if not screening.model.thrusting or np.ptp(ratios) > PROPORTION * ratio or abs(ratio - 1) < PROPORTION:
+    if not screening.model.thrusting or np.ptp(ratios) > SLIGHT * ratio or abs(ratio - 1) < SLIGHT:
         return ""
     return f", or if all thrust is {ratio:.3g} of its former value from then on, as by another supply pressure"
 
@@ -82,7 +79,7 @@ def _imu_alternative(screening: Screening, sides: Sequence[Screening | None]) ->
     """Text that another IMU may record instead, if only the CG changes and no thrust determines it."""
     before, after = (side.stated.value("theta") for side in sides if side is not None)
     turned = np.abs(tensor(after[:6]) @ np.linalg.inv(tensor(before[:6])) - np.eye(3)).max()
-    if screening.model.thrusting or screening.model.bearing is not None or turned > PROPORTION:
+    if screening.model.thrusting or screening.model.bearing is not None or turned > SLIGHT:
         return ""
     where = "only the CG changes, and no thrust shows where it is: then estimate each part with its own imu.position_m"
     return f", or if another IMU, at another position, records from then on ({where})"

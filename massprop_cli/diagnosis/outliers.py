@@ -16,7 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, IntArray, frozen, last_before, median, runs
+from massprop_cli.base.arrays import NORMAL_MEDIAN, Array, BoolArray, IntArray, frozen, last_before, median, runs
+from massprop_cli.base.levels import BLOCK, CERTAIN, EDGE, ENOUGH, MAIN_PART, RESOLUTION
+from massprop_cli.diagnosis.design import CYCLES_PER_COLUMN
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.logtable import LONG
 from massprop_cli.inputs.marked import BY_CHANCE
@@ -30,18 +32,10 @@ from massprop_cli.prepare.stream import Stream
 
 SIGMAS = 10.0
 """Sigmas beyond which a reading is an outlier (benchmarks/faults.py)."""
-TAIL = 5.0
-"""Lower limit of the tail, sigmas. The tail up to ``SIGMAS`` may hold half as many readings as there are outliers; more are a misfit."""
-BEHIND = 4
-"""Cycles after a lost record in which a command lost with it may act."""
 SHARE = 0.015
 """Largest part of the rows that may be outliers."""
 SELDOM = 0.1
 """Largest part of the records that may come late."""
-RETURNS = 0.5
-"""Largest sum of the two residuals of a gyro outlier over their difference."""
-FARTHEST = 0.5
-"""Part of the largest outlier above which outliers are removed in the same round."""
 ALONE = 1.5
 """Factor on the limit at the end, where one step alone shows an outlier and its neighbour looks the same."""
 BEGUN, EARLY = 3, 3.0
@@ -52,16 +46,8 @@ LAGS = (0, 1, 2)
 """Delays of the commands among the regressors, cycles."""
 LEAST = 3
 """Least cycles with known commands."""
-SPARE = 3
-"""Least cycles per regressor."""
-STRETCH = 1024
-"""Cycles of one regression."""
 ROUNDS = 20
 """Most rounds of removal."""
-GROUP = 30
-"""Least cycles with commands, and without, for a noise scale of their own."""
-RESOLUTION = 1e-4
-"""Least noise over signal: what intra-cycle motion leaves in a log without noise."""
 LISTED = 8
 """Rows that a notice lists."""
 SENSORS = ("gyro", "accel")
@@ -92,7 +78,7 @@ def with_outliers(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[
             times[f"imu.{key}"] = tuple(round(float(log.time_s[row]), 9) for row in rows)
             lost = np.flatnonzero(log.interval_s > LONG * median(log.interval_s))
             after = np.array(rows) - np.append(-np.inf, lost)[np.searchsorted(lost, rows, "right")]
-            notices += _notices(log, sensor, np.array(rows), outliers_found.sigmas, after < BEHIND * log.records_per_cycle)
+            notices += _notices(log, sensor, np.array(rows), outliers_found.sigmas, after < EDGE * log.records_per_cycle)
     return stating(vehicle, times), notices
 
 
@@ -176,7 +162,7 @@ def _search(log: Log, vehicle: Vehicle, samples: Stream, pieces: Sequence[slice]
     usable = int(np.searchsorted(cycle_edges(log, slice(0, len(samples)))[0], samples.usable_s))
     sizes = [np.zeros(len(samples)), np.zeros(len(samples))]
     for piece in pieces:
-        edges = np.linspace(piece.start, piece.stop, -(-(piece.stop - piece.start) // STRETCH) + 1).astype(int)
+        edges = np.linspace(piece.start, piece.stop, -(-(piece.stop - piece.start) // BLOCK) + 1).astype(int)
         for start, stop in pairwise(edges):
             # segments overlap, so that only the ends of a piece are ends
             extended = slice(max(start - BEGUN - 1, 0), min(stop + 2, piece.stop))
@@ -195,7 +181,7 @@ def _accepted(sigmas: Array, rows: int) -> SensorOutliers:
     for start, stop in runs(far):
         far[start:stop] &= stop - start <= RUN
     outlying = np.flatnonzero(far)
-    tail = int(((sigmas > TAIL) & (sigmas <= SIGMAS)).sum())
+    tail = int(((sigmas > CERTAIN) & (sigmas <= SIGMAS)).sum())
     if len(outlying) > SHARE * rows or tail > len(outlying) / 2:
         outlying = outlying[:0]
     return SensorOutliers(outlying, sigmas[outlying])
@@ -219,7 +205,7 @@ def _of_gyro(here: Samples, noise: float, first: int) -> Array:
     def size(residual_rows: Array) -> tuple[Array, BoolArray]:
         incoming, outgoing = np.vstack([-residual_rows[:1], residual_rows]), np.vstack([residual_rows, -residual_rows[-1:]])
         sizes = (incoming - outgoing) / 2
-        opposite = np.abs(incoming + outgoing) < RETURNS * 2 * np.abs(sizes)
+        opposite = np.abs(incoming + outgoing) < MAIN_PART * 2 * np.abs(sizes)
         return sizes, opposite
 
     return _removed(here.rate_rad_s, residual_of, size, _commanded(impulses), noise, _usable_cycles(here, "gyro", first))
@@ -295,7 +281,7 @@ def _residual(motion: Array, commands: Array, before: Array, others: Array, used
         columns = np.hstack([*(history[max(LAGS) - lag : len(history) - lag] for lag in lags), others])
         size = np.sqrt((columns[used] ** 2).sum(0))
         columns = columns[:, size > 0] / size[size > 0]
-        if used.sum() >= SPARE * columns.shape[1]:
+        if used.sum() >= CYCLES_PER_COLUMN * columns.shape[1]:
             return np.asarray(motion - columns @ np.linalg.lstsq(columns[used], motion[used], rcond=1e-9)[0])
     return np.zeros_like(motion)
 
@@ -326,7 +312,7 @@ def _removed(
             distance[: first + BEGUN], distance[-1] = distance[: first + BEGUN] / EARLY, distance[-1] / ALONE
             neighbours = np.vstack([distance[1:2], np.maximum(distance[2:], distance[:-2]), distance[-2:-1]])
             # the largest first, since they leave residuals that look like outliers
-            peak = (distance > max(SIGMAS, FARTHEST * distance.max())) & (distance >= neighbours)
+            peak = (distance > max(SIGMAS, MAIN_PART * distance.max())) & (distance >= neighbours)
             if not peak.any():
                 break
             outlying, removed = outlying | peak, np.where(peak, sizes, 0.0)
@@ -340,7 +326,7 @@ def _scales(sizes: Array, busy: BoolArray) -> Array:
     scale = np.empty_like(sizes)
     for axis in range(3):
         column = np.abs(sizes[:, axis])
-        overall = median(column) / 0.6745
+        overall = median(column) / NORMAL_MEDIAN
         for group in (busy, ~busy):
-            scale[group, axis] = max(median(column[group]) / 0.6745, overall) if group.sum() >= GROUP else overall
+            scale[group, axis] = max(median(column[group]) / NORMAL_MEDIAN, overall) if group.sum() >= ENOUGH else overall
     return scale

@@ -9,6 +9,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import TINY
 from massprop_cli.base.configfile import written
+from massprop_cli.base.levels import EDGE
 from massprop_cli.diagnosis.corrections import Correction, time_text
 from massprop_cli.diagnosis.screening import Screening, screened
 from massprop_cli.estimate.whitening import NONE
@@ -20,8 +21,6 @@ BEYOND = 8.0
 """Sigmas of chance beyond which a screening leaves more than noise."""
 LEFT = 0.3
 """Part of the excess that may remain without the cycles left out."""
-NEAR = 3
-"""Cycles, after commands are known, within which a segment starts with its phase."""
 
 
 class PhaseBoundary(NamedTuple):
@@ -143,8 +142,8 @@ def phase_of(screening: Screening, end_s: float) -> PhaseLocation | None:
     phase = None if number is None else vehicle.phases[number]
     known_from_s = max(log.origin_s if phase is None else phase.start_s, log.origin_s + timing.delay * period)
     end_of_phase_s = end_s if phase is None else min(phase.end_s, end_s)
-    begins = float(executed.start_s[screening.piece.start]) <= known_from_s + NEAR * period
-    return PhaseLocation(phase, number or 0, begins, float(ends[screening.piece.stop - 1]) >= end_of_phase_s - NEAR * period)
+    begins = float(executed.start_s[screening.piece.start]) <= known_from_s + EDGE * period
+    return PhaseLocation(phase, number or 0, begins, float(ends[screening.piece.stop - 1]) >= end_of_phase_s - EDGE * period)
 
 
 def _boundary(screening: Screening, cut: int, begins: bool, end_s: float) -> PhaseBoundary | None:

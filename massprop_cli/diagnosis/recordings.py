@@ -13,7 +13,7 @@ import numpy as np
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, frozen, median
 from massprop_cli.diagnosis import wheelfriction
 from massprop_cli.diagnosis.commandlimits import limits
-from massprop_cli.diagnosis.comparison import Fitted
+from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.freeresponse import NEAR, MeasuredMotion, costs_with, line_minimum, motion_of, sigma_at
 from massprop_cli.diagnosis.hypothesis import Hypothesis
@@ -33,8 +33,6 @@ EARLIER = (1, 2, 3)
 """Cycles by which commands of a jet may be logged before those of a jet that fires with it, or all commands after they act."""
 SHARPENED, FARTHEST = 4, 3.0
 """Most rounds that maximise the likelihood over key values, of at least two; largest step of each in sigmas."""
-MORE = 0.1
-"""Least decrease of the score by a step."""
 NEARLY, LEFT = 0.5, 0.01
 """Score over the stated cost, above which values are not maximised further; variance of a disturbance torque over the stated one, above
 which a correction does not explain it."""
@@ -113,7 +111,7 @@ def _maximised(screening: Screening, fit: Fitted) -> Refit | None:
             if not np.isfinite(curvature) or curvature <= 0:
                 continue
             at_minimum = moved(float(np.clip((scores[0] - scores[2]) / (2 * curvature), -FARTHEST, FARTHEST)))
-            if at_minimum is not None and at_minimum.score < scores[1] - MORE:
+            if at_minimum is not None and at_minimum.score < scores[1] - ROUGHLY:
                 best = at_minimum
         if round_ and best.score > before - CLEAR:
             break
@@ -271,7 +269,7 @@ def _likeliest_later(case: Case) -> list[int]:
         residual, delayed = (one - basis @ (basis.T @ one) for one in (motion[first:], (np.roll(impulse, 1, 0) - impulse)[first:]))
         explained = (delayed.T @ residual) ** 2 / np.maximum(np.outer((delayed**2).sum(0), (residual**2).sum(0)), TINY)
         gains -= len(residual) * np.log1p(-np.minimum(explained, 1 - ROUNDING)).sum(1)
-    return np.flatnonzero(gains > max(gains.max(initial=0.0) - MORE, CLEAR)).tolist()
+    return np.flatnonzero(gains > max(gains.max(initial=0.0) - ROUGHLY, CLEAR)).tolist()
 
 
 def logged_after(case: Case) -> int:

@@ -7,6 +7,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
+from massprop_cli.base.levels import MAIN_PART
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import applied, discrete_factors, is_discrete
@@ -18,8 +19,6 @@ from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS
 from massprop_cli.estimate.whitening import Disturbance
 from massprop_cli.prepare.recorded import narrowed
 
-PROMISED = 0.5
-"""Part of a screening's gain that an exact fit must confirm. The screening's own misfit by intra-cycle motion is not one of the log."""
 PART = 1e-3
 """Misfit over the former one, below which a hypothesis explains a log even if its pure error far exceeds the stated noise."""
 HOPELESS, SMALL = 8.0, 0.01
@@ -40,7 +39,7 @@ BOLD = 3.0
 """Multiple of a predicted decrease that further iterations may reach."""
 SLOWLY, FARTHER = 0.3, 0.97
 """Ratio of successive steps above which a step is extrapolated, and its largest value."""
-MOST = 24_000
+MOST_CYCLES = 24_000
 """Cycles of the final fit, twenty times those of a screening. An hour at 20 Hz would lower the sigmas by less than a half."""
 
 
@@ -233,7 +232,8 @@ def refined(
     )
     # the stated noise may be too small, and nothing else wrong
     fits = fits and (
-        not (screening.fits and screening.exceeds_noise) or _exact_gain(screening, corrected) > PROMISED * (screening.cost - corrected.cost)
+        not (screening.fits and screening.exceeds_noise)
+        or _exact_gain(screening, corrected) > MAIN_PART * (screening.cost - corrected.cost)
     )
     excess = corrected.score(corrected.stated.chi_square, fit)
     units = _unit_cost(corrected, fit, screening.case)
@@ -245,7 +245,7 @@ def refined_on_whole_log(screening: Screening, refit: Refit) -> Refit:
     fit, whole = refit.fitted, screening.case.whole
     if whole is None or fit.unknowns == 0 or refit.screening is None:
         return refit
-    case, piece = busiest(screening.case._replace(log=whole[0], whole=None), whole[1], MOST)
+    case, piece = busiest(screening.case._replace(log=whole[0], whole=None), whole[1], MOST_CYCLES)
     longer = screened(case, piece, refit.screening.free.disturbances, fit.value("theta"))
     if longer is None or not np.array_equal(longer.free.fired, screening.free.fired):
         return refit

@@ -19,8 +19,10 @@ import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import CERTAIN
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis import segment
+from massprop_cli.diagnosis.bins import LONGEST
 from massprop_cli.diagnosis.corrections import Correction, GimbalColumns, RotorColumns
 from massprop_cli.diagnosis.explanation import EVEN, IN_MAP, IN_VEHICLE_FILE
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
@@ -44,12 +46,8 @@ from massprop_cli.prepare.timing import Timing
 
 FITS, CHANCE = 1.5, 6.0
 """Largest mean square of the normalised innovations of a channel that fits, plus sigmas of chance."""
-MOVED = 5.0
-"""Least motion over noise of a sensor; anything fits smaller readings."""
 FINALISTS = 3
 """Number of readings that are fitted until they converge."""
-LONGEST = 400
-"""Cycles of the rough fits."""
 ORDERS, EVERY = 4, 7
 """Number of orders that are fitted; most rotors of which every order is compared, of more only two or three exchanged."""
 
@@ -133,7 +131,7 @@ class _Case(NamedTuple):
         sizes = [float(np.abs(np.linalg.det(np.array(one)))) for one in (correction.gyro, correction.accelerometer) if one]
         cost = float((innovations.count * np.log(variance + TINY)).sum()) - 2 * innovations.count * float(np.log(sizes).sum())
         mean_squares = [float((part**2).sum(1).mean()) for part in (samples.rate_rad_s, samples.specific_force_m_s2)]
-        moving = max(np.sqrt(mean_squares) / (self.vehicle.imu.gyro_noise_rad_s, self.vehicle.imu.accel_noise_m_s2)) > MOVED
+        moving = max(np.sqrt(mean_squares) / (self.vehicle.imu.gyro_noise_rad_s, self.vehicle.imu.accel_noise_m_s2)) > CERTAIN
         fits = bool(moving and (variance < FITS + CHANCE * np.sqrt(2 / innovations.count)).all())
         return _ReadingFit(cost, fits, exceeds_density(fit.history.values[-1], fit.history.sigmas[-1]))
 

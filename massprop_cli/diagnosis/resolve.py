@@ -10,6 +10,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UntoldError
+from massprop_cli.base.levels import LONG
 from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import FoundTiming, Rated
 from massprop_cli.diagnosis.samplededges import near_samples, steps_at_samples
@@ -39,8 +40,6 @@ SOUGHT = {
 """Error parameters that a vehicle file may leave open: name, and what to state."""
 PHASE = 0.1
 """Sigma, in records, of the sampling times of an IMU with its own clock by the commands' clock, unless stated."""
-LONGEST = 4800
-"""Most cycles of an estimate of the timing. With these the timing is known to a ten-thousandth of a cycle."""
 CUTOFFS, LATENCIES = ("gyro_cutoff", "accel_cutoff"), ("gyro_latency", "accel_latency")
 PAIRS = (
     ("delay", "lag"),
@@ -174,7 +173,7 @@ def _found(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
     given = stated_timing(vehicle)
     lags = delay.LAGS if automatic["lag"] else (given.lag,)
     latest = Timing(delay.LONGEST, max(lags))
-    part, pieces = segment.bounded(log, vehicle, latest, [slice(0, log.cycles)], LONGEST)
+    part, pieces = segment.bounded(log, vehicle, latest, [slice(0, log.cycles)], LONG)
     found, coarse = None, None if automatic["delay"] or automatic["lag"] else given
     rated = [] if coarse else delay.search(part, vehicle, lags, delay.DELAYS if automatic["delay"] else (given.delay,), pieces)
     coarse = rated[0].at if rated else coarse
@@ -203,7 +202,7 @@ def other_cutoffs(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: F
     names = [name for name, one in low_passes.items() if one is not None and one.order and not BY_NAME[name].sigma(vehicle)]
     if found is None or not names:
         return False
-    part, within = segment.bounded(log, vehicle, found.at, pieces, LONGEST)
+    part, within = segment.bounded(log, vehicle, found.at, pieces, LONG)
     return delay.cutoffs_refuted(part, vehicle, within, found, names)
 
 
@@ -237,7 +236,7 @@ def _bounded(setup: Setup) -> tuple[Setup, Sequence[slice]]:
     samples = Stream.of(log, vehicle, timing)
     pieces = [cycles for _, cycles in phases_of(log, vehicle, samples)]
     used, _ = noiselevels.with_noise_levels(samples, pieces, vehicle)
-    part, within = segment.bounded(log, vehicle, timing, pieces, LONGEST)
+    part, within = segment.bounded(log, vehicle, timing, pieces, LONG)
     return Setup(part, used, timing), within
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import median
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import CERTAIN
 from massprop_cli.diagnosis.delay import FoundTiming, fit_near, samples_of
 from massprop_cli.errorparameters.setup import Setup
 from massprop_cli.inputs.telemetry import Log
@@ -23,8 +24,6 @@ from massprop_cli.prepare.timing import Timing
 
 SAME, MANY = 0.01, 0.1
 """Distance of a thrust step from a sample, in records, at which they coincide; part of the steps that must. A fiftieth does by chance."""
-NEAR = 6.0
-"""Sigmas of the delay within which a step is considered."""
 
 
 def steps_at_samples(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[float, float] | None:
@@ -53,7 +52,7 @@ def near_samples(setup: Setup, pieces: Sequence[slice], found: FoundTiming, late
 
     ``late_s`` and ``scatter_s``: from :func:`steps_at_samples`.
     """
-    if abs(late_s) > NEAR * found.sigma.delay * setup.period_s:
+    if abs(late_s) > CERTAIN * found.sigma.delay * setup.period_s:
         return found
     best, least = found, np.inf
     for shift_s in (0.0, scatter_s + 2 * ROUNDED_S - late_s, -scatter_s - 2 * ROUNDED_S - late_s):

@@ -14,6 +14,7 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import CHANCE, CONTRADICTION, EDGE, GROSS
 from massprop_cli.diagnosis import hypotheses, normalised, segment
 from massprop_cli.diagnosis.channelwise import FreeResponse, free_response, free_responses_by_torque
 from massprop_cli.diagnosis.coefficients import Model
@@ -27,7 +28,7 @@ from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
 from massprop_cli.errorparameters.setup import LAG
 from massprop_cli.estimate.initial import first_reference
 from massprop_cli.estimate.phases import as_stated
-from massprop_cli.estimate.whitening import Disturbance
+from massprop_cli.estimate.whitening import EXPLAINED, Disturbance
 from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.plant.plant import MOMENT
 from massprop_cli.model.sensitivity import Consider
@@ -41,14 +42,6 @@ FITS = (2.0, 6.0)
 if a body turns 0.06 rad in a cycle."""
 CLOSE = 1.4
 """The same multiple if the columns hold the body's own intra-cycle motion."""
-BY_CHANCE = 3.0
-"""Sigmas within which a misfit is chance."""
-FAR_ABOVE_NOISE = 4.0
-"""Pure error over stated noise variance in any channel, beyond which a cause that explains a part only does not count."""
-ABOVE_NOISE = 1.2
-"""Median pure error over stated noise variance, beyond which the stated noise is too small: five sigma in 1,000 cycles."""
-AS_STATED = 3.5
-"""Sigmas within which the pure error of each channel is the stated noise."""
 SHARE = 12
 """Number of units and mountings that are fitted."""
 UPRIGHT, AS_WELL, UPSET = 4, 1.05, 0.8
@@ -58,8 +51,6 @@ as better."""
 
 UNIT_SCALE = 2.0, 0.1
 """Sigmas from 1 and largest sigma of a scale that the log confirms to be 1."""
-END = 5
-"""Cycles at the end of a segment in which no channel may fire for the first time."""
 
 
 def busiest(case: Case, piece: slice, longest: int = LONGEST) -> tuple[Case, slice]:
@@ -71,7 +62,7 @@ def busiest(case: Case, piece: slice, longest: int = LONGEST) -> tuple[Case, sli
     if log.command_s is None:
         commanded = log.command[cycles] != 0
         first = cycles.start + commanded.argmax(0)[commanded.any(0)]
-        cycles = slice(cycles.start, int(min(cycles.stop, *first[first >= cycles.stop - END], cycles.stop)))
+        cycles = slice(cycles.start, int(min(cycles.stop, *first[first >= cycles.stop - EDGE], cycles.stop)))
     return case._replace(log=log, whole=(case.log, piece) if piece.stop - piece.start > longest else None), cycles
 
 
@@ -201,8 +192,8 @@ class Screening:
 
     @property
     def within_chance(self) -> bool:
-        """Whether the misfit is within :data:`BY_CHANCE` sigmas."""
-        return bool(self.misfit < 1 + BY_CHANCE * np.sqrt(2 / self.degrees_of_freedom))
+        """Whether the misfit is within :data:`CHANCE` sigmas."""
+        return bool(self.misfit < 1 + CHANCE * np.sqrt(2 / self.degrees_of_freedom))
 
     @property
     def constant(self) -> bool:
@@ -215,7 +206,7 @@ class Screening:
         log_unit = 2 * np.log([[DEGREE], [GRAVITY]])
         difference = np.abs(ratio - log_unit * np.rint(ratio.mean(1, keepdims=True) / log_unit))
         degrees = np.array([[self.free.gyro.spare], [self.free.accelerometer.spare]])
-        return bool((difference < AS_STATED * np.sqrt(2 / degrees)).all())
+        return bool((difference < CONTRADICTION * np.sqrt(2 / degrees)).all())
 
     @cached_property
     def free_cost(self) -> float:
@@ -243,7 +234,7 @@ class Screening:
     @property
     def exceeds_noise(self) -> bool:
         """Whether pure error exceeds the stated noise in most channels."""
-        return bool(median(self.free.pure_error / self.noise) > ABOVE_NOISE)
+        return bool(median(self.free.pure_error / self.noise) > EXPLAINED)
 
     @cached_property
     def innovations(self) -> Array | None:
@@ -259,7 +250,7 @@ class Screening:
     @property
     def far_exceeds_noise(self) -> bool:
         """Whether pure error far exceeds the stated noise in a channel, so that no free coefficients describe the error."""
-        return bool((self.free.pure_error > FAR_ABOVE_NOISE * self.noise).any())
+        return bool((self.free.pure_error > GROSS * self.noise).any())
 
     def likelihood(self, chi_square: Array) -> float:
         """−2 log likelihood of chi-square (6,), with free noise levels, relative to free coefficients."""

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from massprop_cli.base.levels import CERTAIN
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import is_discrete
 from massprop_cli.diagnosis.ranking import CLEAR
@@ -20,8 +21,6 @@ IN_VAIN = 3.0
 :data:`LATER` times that. Hypotheses that fitted nevertheless had at most 1.1, and 8 for late ones (docs/faults.md)."""
 NO_FURTHER = 0.1
 """Distance in prior sigmas, within which two fits of one hypothesis are the same."""
-IMPROBABLE = 25.0
-"""Prior chi-square of the unknowns beyond which a cause is improbable: five sigma."""
 
 
 def searched(
@@ -129,4 +128,4 @@ def _simpler(found: Fitted, fitting: Sequence[Refit]) -> bool:
 
 def _improbable(fitting: Sequence[Refit]) -> list[Refit]:
     """Refits with improbable values."""
-    return [refit for refit in fitting if refit.fitted.prior_chi_square > IMPROBABLE]
+    return [refit for refit in fitting if refit.fitted.prior_chi_square > CERTAIN**2]

@@ -5,13 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array, IntArray
+from massprop_cli.base.levels import PARTS
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.align import LAGS_FORGOTTEN
 from massprop_cli.prepare.timing import Timing
 
-BLOCKS = 32
-"""Parts of a segment, whose edges are the first candidates for a change."""
 MEMORY = 64
 """Cycles before a segment whose commands may act in it, under any delay that is searched."""
 
@@ -36,8 +35,8 @@ def busiest(log: Log, vehicle: Vehicle, timing: Timing, piece: slice, longest: i
 
 
 def edges_of(first: int, stop: int) -> IntArray:
-    """(≤ BLOCKS + 1,) edges of equal parts of these cycles, with both ends."""
-    return np.asarray(np.unique(np.linspace(first, stop, BLOCKS + 1).astype(int)))
+    """(≤ PARTS + 1,) edges of equal parts of these cycles, with both ends."""
+    return np.asarray(np.unique(np.linspace(first, stop, PARTS + 1).astype(int)))
 
 
 def bounded(log: Log, vehicle: Vehicle, timing: Timing, pieces: Sequence[slice], longest: int) -> tuple[Log, Sequence[slice]]:

@@ -10,6 +10,7 @@ from functools import cache, partial
 import numpy as np
 
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import LONG
 from massprop_cli.diagnosis.freeresponse import NEAR, cost, known_impulses, line_minimum, motion_of, residuals
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.segment import bounded
@@ -21,8 +22,6 @@ from massprop_cli.prepare.timing import Timing
 
 SMOOTH = "gimbal_smooth"
 """Key of gimbal angles that are smooth."""
-LONGEST = 6000
-"""Most cycles that are used. A small bend in 2 ms records that moves values by 5 sigma in 40 s is not significant in 1,200."""
 PARTS = tuple(part / 10 for part in range(1, 10))
 """Initial times over a record. A step at the record's end explains less at the first and at the last of them."""
 
@@ -38,7 +37,7 @@ def with_steps(log: Log, vehicle: Vehicle, timing: Timing) -> tuple[Vehicle, lis
     if not devices or _steps_stated(vehicle):
         return vehicle, []
     key = "torque_steps_s" if wheels or rotors else "gimbal_steps_s"
-    log = bounded(log, vehicle, timing, [slice(0, log.cycles)], LONGEST)[0]
+    log = bounded(log, vehicle, timing, [slice(0, log.cycles)], LONG)[0]
     record_s = (1 if wheels else log.records_per_cycle) * float(np.median(log.interval_s))
     motion = motion_of(timing.of(log, vehicle))
 

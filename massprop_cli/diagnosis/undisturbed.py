@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.configfile import written
+from massprop_cli.base.levels import CERTAIN, EDGE, ENOUGH, MAIN_PART, PARTS
 from massprop_cli.diagnosis import change
 from massprop_cli.diagnosis.corrections import Correction, time_text
 from massprop_cli.diagnosis.phaseboundary import BEYOND, LEFT, beyond_noise, phase_of, under_stated_noise
@@ -20,19 +21,10 @@ from massprop_cli.inputs.vehicle import Phase
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 
-SHORTEST, PARTS = 40, (0.5, 0.35, 0.25, 0.18, 0.125)
-"""Least cycles of a segment; parts of all that an outer segment may start with."""
-CHANCE = 5.0
-"""Sigmas within which a segment's misfit is chance, for a dozen segments of which each must pass."""
-MOST = 0.5
-"""Largest part of the cycles that is left out."""
-EDGE, SHARP = 32, 5.0
-"""Divisor of all cycles that gives the extension of a segment; multiple of the chance limit that the extended one must exceed. Slow
-disturbances exceed it by little."""
-MARGIN = 3
-"""Cycles left out in addition at each edge, where a disturbance may begin softly."""
-OTHER = 6.0
-"""Sigmas of chance beyond which two segments have two bodies."""
+OUTER = (0.5, 0.35, 0.25, 0.18, 0.125)
+"""Parts of all cycles that an outer segment may start with."""
+SHARP = 5.0
+"""Multiple of the chance limit that a segment extended by one of :data:`PARTS` must exceed. Slow disturbances exceed it by little."""
 
 
 class Undisturbed(NamedTuple):
@@ -88,11 +80,11 @@ def undisturbed(screening: Screening, end_s: float) -> Undisturbed | None:
     ``end_s``: end of the whole log, s, of which the screening may have a segment only.
     """
     under_noise, count = under_stated_noise(screening, screening.piece), screening.piece.stop - screening.piece.start
-    if under_noise is None or count < 4 * SHORTEST or beyond_noise(under_noise) < BEYOND * np.sqrt(2 * 6 * count):
+    if under_noise is None or count < 4 * ENOUGH or beyond_noise(under_noise) < BEYOND * np.sqrt(2 * 6 * count):
         return None
     tests = _SegmentTests(under_noise)
     kept = tests.between() or tests.around()
-    if not kept or any(segment.stop - segment.start < SHORTEST for segment in kept):
+    if not kept or any(segment.stop - segment.start < ENOUGH for segment in kept):
         return None
     return _located(under_noise, kept, end_s)
 
@@ -109,36 +101,36 @@ class _SegmentTests:
 
     def between(self) -> tuple[slice, ...]:
         """The longest fitting segment around the middle; empty without one."""
-        first, stop, most = self.piece.start, self.piece.stop, int(MOST / 2 * self.count)
+        first, stop, most = self.piece.start, self.piece.stop, int(MAIN_PART / 2 * self.count)
         if not self.fits(slice(first + most, stop - most)):
             return ()
         early = _longest(most, lambda more: self.fits(slice(first + most - more, stop - most)))
         begin = first + most - early
         end = stop - most + _longest(most, lambda more: self.fits(slice(begin, stop - most + more)))
-        edge = max(self.count // EDGE, 1)
+        edge = max(self.count // PARTS, 1)
         sharp = (begin == first or self.clearly_misfits(slice(max(begin - edge, first), end))) and (
             end == stop or self.clearly_misfits(slice(begin, min(end + edge, stop)))
         )
-        begin, end = begin + MARGIN * (begin > first), end - MARGIN * (end < stop)
+        begin, end = begin + EDGE * (begin > first), end - EDGE * (end < stop)
         kept = slice(begin, end)
         return (kept,) if sharp and kept != self.piece and self.all_channels_act([kept]) else ()
 
     def around(self) -> tuple[slice, ...]:
         """The longest fitting segments at start and end; empty if they meet or leave out too much."""
-        first, stop, edge = self.piece.start, self.piece.stop, max(self.count // EDGE, 1)
+        first, stop, edge = self.piece.start, self.piece.stop, max(self.count // PARTS, 1)
         end = first + self._longest_from_part(lambda cycles: self.fits(slice(first, first + cycles)))
         begin = stop - self._longest_from_part(lambda cycles: self.fits(slice(stop - cycles, stop)))
         if end == first or begin == stop:
             return ()
-        if not 0 < begin - end < MOST * self.count:
+        if not 0 < begin - end < MAIN_PART * self.count:
             return ()
         sharp = self.clearly_misfits(slice(first, min(end + edge, stop))) and self.clearly_misfits(slice(max(begin - edge, first), stop))
-        kept = slice(first, end - MARGIN), slice(begin + MARGIN, stop)
+        kept = slice(first, end - EDGE), slice(begin + EDGE, stop)
         return kept if sharp and self.all_channels_act(kept) else ()
 
     def _longest_from_part(self, fits: Callable[[int], bool]) -> int:
-        """Most cycles that fit, extended from the largest of :data:`PARTS` that fits; 0 if none does."""
-        start = next((cycles for part in PARTS if (cycles := int(part * self.count)) >= SHORTEST and fits(cycles)), 0)
+        """Most cycles that fit, extended from the largest of :data:`OUTER` that fits; 0 if none does."""
+        start = next((cycles for part in OUTER if (cycles := int(part * self.count)) >= ENOUGH and fits(cycles)), 0)
         return start and start + _longest(self.count - start, lambda more: fits(start + more))
 
     def fits(self, piece: slice) -> bool:
@@ -146,7 +138,7 @@ class _SegmentTests:
         part = under_stated_noise(self.screening, piece)
         if part is None or not part.constant or beyond_noise(part) > LEFT * self.all:
             return False
-        return self.integrated or part.misfit < 1 + CHANCE * np.sqrt(2 / part.degrees_of_freedom)
+        return self.integrated or part.misfit < 1 + CERTAIN * np.sqrt(2 / part.degrees_of_freedom)
 
     def clearly_misfits(self, piece: slice) -> bool:
         """Whether a segment leaves far more than noise."""
@@ -154,7 +146,7 @@ class _SegmentTests:
         if part is None:
             return True
         misfit = float(np.max(part.free.pure_error / part.noise)) if self.integrated else part.misfit
-        return bool(misfit > 1 + SHARP * CHANCE * np.sqrt(2 / part.degrees_of_freedom))
+        return bool(misfit > 1 + SHARP * CERTAIN * np.sqrt(2 / part.degrees_of_freedom))
 
     def all_channels_act(self, kept: list[slice] | tuple[slice, ...]) -> bool:
         """Whether all channels that act do so in the segments kept."""
@@ -190,7 +182,7 @@ def _two_bodies(screening: Screening, kept: tuple[slice, ...]) -> bool:
     start, system = triangle.begin(reference), triangle.phase_system(reference)
     triangles = [triangle.segment_triangle(start, system, piece) for piece in kept]
     first, second, both = change.least_chi_squares(np.stack([*triangles, change.joined(*triangles)]), reference, vehicle)
-    return bool(both - first - second > 10 + OTHER * np.sqrt(2 * 10))
+    return bool(both - first - second > 10 + CERTAIN * np.sqrt(2 * 10))
 
 
 def _located(screening: Screening, kept: tuple[slice, ...], end_s: float) -> Undisturbed | None:

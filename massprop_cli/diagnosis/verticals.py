@@ -5,15 +5,13 @@ from collections.abc import Collection
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import DIFFERENCE
 from massprop_cli.base.quaternion import matrices
 from massprop_cli.base.rigidbody import rotation
 from massprop_cli.errorparameters.environment import LEVEL
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.prepare.attitude import initial_attitude
 from massprop_cli.prepare.compensate import Samples
-
-ANGLE = 1e-4
-"""Half the difference of a derivative of the vertical, in units of the error."""
 
 
 def verticals_by_errors(samples: Samples, vehicle: Vehicle) -> list[tuple[str, Array]]:
@@ -25,9 +23,9 @@ def verticals_by_errors(samples: Samples, vehicle: Vehicle) -> list[tuple[str, A
         changes[f"gyro_bias {i}"] = np.broadcast_to(-unit[i], rate.shape)
     rate_changes = np.stack(list(changes.values()))
     ups = verticals(
-        np.concatenate([rate + ANGLE * rate_changes, rate - ANGLE * rate_changes]), samples.executed.duration_s, samples.up_b[0]
+        np.concatenate([rate + DIFFERENCE * rate_changes, rate - DIFFERENCE * rate_changes]), samples.executed.duration_s, samples.up_b[0]
     )
-    slopes = (ups[: len(rate_changes)] - ups[len(rate_changes) :]) / (2 * ANGLE)
+    slopes = (ups[: len(rate_changes)] - ups[len(rate_changes) :]) / (2 * DIFFERENCE)
     (world,) = matrices(initial_attitude(vehicle, rate, samples.executed.duration_s, samples.executed.late_s[0])[None])
     level = verticals(np.broadcast_to(rate, (2, *rate.shape)), samples.executed.duration_s, world[:2])
     return [*zip(LEVEL, level, strict=True), *zip(changes, slopes, strict=True)]

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, IntArray
+from massprop_cli.base.levels import DIFFERENCE
 from massprop_cli.diagnosis.channelwise import HALF_WAVES, cosines
 from massprop_cli.diagnosis.design import INTEGRATED
 from massprop_cli.diagnosis.ranking import CLEAR
@@ -17,9 +18,6 @@ from massprop_cli.diagnosis.segment import edges_of
 from massprop_cli.estimate.whitening import Disturbance, white_rows
 from massprop_cli.model.plant import plant_of
 from massprop_cli.model.responsemap import ResponseMap
-
-STEP = 1e-4
-"""Step of a derivative, over the natural size of each entry of θ."""
 
 
 class Window(NamedTuple):
@@ -54,9 +52,9 @@ class WindowRegression:
         measured = turning, self._weighted(self.design.force)
         model, x, turn = screening.model, by.stated.x, np.eye(3)[None]
         sizes = ResponseMap(plant_of(case.vehicle)).sizes(theta)
-        moves = np.hstack([np.eye(len(x), 10) * (STEP * sizes), STEP * model.uncertain])
+        moves = np.hstack([np.eye(len(x), 10) * (DIFFERENCE * sizes), DIFFERENCE * model.uncertain])
         every = model.coefficients(np.vstack([x, x + moves.T]), turn, turn)
-        self.by, slopes = every[0], np.moveaxis(every[1:] - every[0], 0, -1) / STEP
+        self.by, slopes = every[0], np.moveaxis(every[1:] - every[0], 0, -1) / DIFFERENCE
         self.weight = 1 / np.maximum(by.free.variance, TINY)
         self.columns = [rates, force]
         self._axes = slice(0, 3), slice(3, 6)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from massprop_cli.base.levels import ITERATIONS
 from massprop_cli.estimate.initial import fallback, first_reference
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.rows import Rows
@@ -23,8 +24,6 @@ BLOCK, LONGEST = 16, 128
 RING, LEARNING = 256, 1024
 """Cycles that are processed again about a new reference: once each axis' response is known, and before. On a pedestal it is always the
 latter: the first moment is known to 1e-5 there, so that second-order effects of the gyro bias are significant."""
-REPEATS = 8
-"""How often a cycle may be processed again, on average."""
 FIRST = 16
 """Least number of cycles between two searches for an initial reference."""
 
@@ -80,7 +79,7 @@ class Causal:
             target = first_reference(self.samples, slice(self.cycles.start, run.at), self.vehicle)
             if target is not None:
                 ring = [replace(one, centre=target) for one in ring]
-        self._budget += REPEATS * (run.at - self.run.at)
+        self._budget += ITERATIONS * (run.at - self.run.at)
         if target is not None:
             self._budget -= run.at - ring[0].at
             ring = regression.relinearised(ring, target)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import BLOCK
 from massprop_cli.estimate.initial import reach
 from massprop_cli.estimate.rows import Parameters, Rows
 from massprop_cli.inputs.vehicle import Vehicle
@@ -19,8 +20,6 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.compensate import Mounted, Source
 
-CHUNK = 512
-"""Cycles passed to the kernel per call."""
 ROW_SIZE = 131
 """Numbers that the kernel returns for each cycle."""
 
@@ -53,10 +52,10 @@ class Pass:
     def rows(self, progress: Callable[[float], None] | None) -> Iterator[Rows]:
         """Estimates after each cycle, chunk by chunk."""
         first, end = self.cycles.start, self.cycles.stop
-        for begin in range(first, end, CHUNK):
+        for begin in range(first, end, BLOCK):
             if progress is not None:
                 progress((begin - first) / (end - first))
-            yield self.step(kernelargs.cycle_numbers(self.samples.part(slice(begin, min(begin + CHUNK, end)))))
+            yield self.step(kernelargs.cycle_numbers(self.samples.part(slice(begin, min(begin + BLOCK, end)))))
 
     def step(self, cycles: Array) -> Rows:
         """Estimates after each of the next cycles (:func:`massprop_cli.model.kernelargs.cycle_numbers`)."""

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from massprop_cli.base.arrays import Array, median
+from massprop_cli.base.levels import CERTAIN, CHANCE, CONTRADICTION, ENOUGH
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import early_reference
 from massprop_cli.estimate.sizing import Levels
@@ -23,20 +24,14 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Samples, Source, gathered
 
-EXCESS, CERTAIN = 0.2, 6.0
+EXCESS, EXCESS_SIZED = 0.2, 0.05
 """The stated noise does not explain a mean squared normalised innovation above 1 + EXCESS and above 1 + CERTAIN of its own sigmas √(2 / N):
-sigmas would be 10 % too small, and the false-alarm probability is one in a billion. Below, the stated noise is kept."""
-EXCESS_SIZED, CERTAIN_SIZED = EXCESS / 4, 3.0
-"""The same for a disturbance that was estimated here, and not stated: sigmas to 2.5 %."""
+sigmas would be 10 % too small. A disturbance that was estimated here, and not stated: above 1 + EXCESS_SIZED, sigmas to 2.5 %, and above
+1 + CHANCE of them."""
 EXCESS_SLOW = 0.5
 """The same for the long-run variance, which matters for quantities that slow motion alone informs: their sigmas would be a fifth too small.
 With a Bartlett window it is a chi-square of ν = 3/2 N / lags degrees of freedom over ν (M. B. Priestley, Spectral Analysis and Time Series,
 1981). ν is small, and the tail far from normal. Once a disturbance was estimated, the normal tail is used: the log is not error-free."""
-LEAST = 20
-"""Least number of cycles for a variance, which then has a relative sigma of a third."""
-CLIP = 4.0
-"""Bound on normalised innovations, so that a few outliers at the filter's start do not raise a disturbance. One normal deviate in 16,000
-exceeds it."""
 GROSS, GROSS_LEAST = 1.5, 50
 """Ratio of the differenced rates' variance to the stated one, above which disturbances are estimated before any fit; and the least number
 of cycles for it, with a relative sigma of a fifth."""
@@ -57,7 +52,7 @@ def misfit(histories: Sequence[History], vehicle: Resolved, sized: bool = False)
     ``sized``: some of the noise was estimated here, and its limits are stricter.
     """
     powers = [np.sum([[(z**2).sum(0), np.full(6, len(z))] for z in _clipped(history)], 0) for history in histories]
-    used = [(history, power) for history, power in zip(histories, powers, strict=True) if power[1, 0] >= LEAST]
+    used = [(history, power) for history, power in zip(histories, powers, strict=True) if power[1, 0] >= ENOUGH]
     if not used:
         return np.full(6, np.nan)
     white, counts = np.sum([power for _, power in used], 0)
@@ -67,7 +62,7 @@ def misfit(histories: Sequence[History], vehicle: Resolved, sized: bool = False)
     adapted = vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0
     # strict limits apply only to estimated noise: a torque, and the accelerometer's if it was widened
     strict = sized & np.repeat([adapted, vehicle.estimator.accel_noise_scale != UNWIDENED], 3)
-    least, sigmas = np.where(strict, EXCESS_SIZED, EXCESS), np.where(strict, CERTAIN_SIZED, CERTAIN)
+    least, sigmas = np.where(strict, EXCESS_SIZED, EXCESS), np.where(strict, CHANCE, CERTAIN)
     over_white = np.where(white > 1 + np.maximum(least, sigmas * np.sqrt(2 / count)), white, 0.0)
     by_chance = 1 + CERTAIN * np.sqrt(4 * lags / 3 / count) if sized else _chi_square_bound(1.5 * count / lags)
     over_long = np.where(long_run > max(1 + EXCESS_SLOW, by_chance), long_run, 0.0)
@@ -85,9 +80,9 @@ def _chi_square_bound(freedom: float) -> float:
 
 
 def _clipped(history: History) -> Iterator[Array]:
-    """(N, 6) whitened innovations, clipped to ±:data:`CLIP`, in parts."""
+    """(N, 6) whitened innovations, clipped to ±:data:`CONTRADICTION`, in parts."""
     for rows in history.whitened():
-        yield np.clip(rows, -CLIP, CLIP)
+        yield np.clip(rows, -CONTRADICTION, CONTRADICTION)
 
 
 def _long_run(parts: Iterable[Array], lags: int) -> Array:

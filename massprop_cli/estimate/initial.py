@@ -14,25 +14,20 @@ import numpy as np
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import CERTAIN, LONG
 from massprop_cli.base.rigidbody import cross, spread, tensor
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import gamma, products
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, acceleration
 
-SIGNIFICANT = 6.0
-"""Ratio of an axis' response to its sigma, above which it counts."""
 COUPLE = 1e-3
 """Force over that of the couples (torque over the jets' reach), below which it does not inform the mass. It may be rounding of many jets'
 forces, and the CG's acceleration by the rotation exceeds it."""
-FIRST = 4096
-"""Cycles of the first attempt; most vehicles move within them."""
 DISTANCES = np.geomspace(0.01, 10, 4)
 """Initial distances from pivot to CG of the search for a free oscillation, in radii of gyration."""
 FARTHEST = 30.0
 """Largest distance from pivot to CG that the search may give, in radii of gyration."""
-_SPREAD = 30.0
-"""Largest ratio of a reference's principal moments to the common scale."""
 
 
 def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
@@ -65,15 +60,15 @@ def first_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Referen
     prior = np.concatenate([[scale] * 3, [scale * reach] * 3, [1.0] * 6, [np.abs(growth).max() / duration.mean()]])
     fit = _ridge(regressors, growth, prior, scale)
     values, axes = np.linalg.eigh((fit[:3] + fit[:3].T) / 2)
-    inertia = (axes / np.clip(values, scale / _SPREAD, scale * _SPREAD)) @ axes.T
+    inertia = (axes / np.clip(values, scale / FARTHEST, scale * FARTHEST)) @ axes.T
     couple = inertia @ fit[3:6].T
     cg = -0.5 * np.array([couple[2, 1] - couple[1, 2], couple[0, 2] - couple[2, 0], couple[1, 0] - couple[0, 1]])
     return Reference(inertia, cg + plant.pivot, mu)
 
 
 def early_reference(samples: Source, cycles: slice, vehicle: Vehicle) -> Reference | None:
-    """A reference from as few of ``cycles`` as it needs: the first :data:`FIRST`, four times as many, and so on."""
-    length = FIRST
+    """A reference from as few of ``cycles`` as it needs: the first :data:`LONG`, four times as many, and so on."""
+    length = LONG
     while length < cycles.stop - cycles.start:
         reference = first_reference(samples, slice(cycles.start, cycles.start + length), vehicle)
         if reference is not None:
@@ -101,7 +96,7 @@ def _response(motion: Array, cause: Array, others: Array | None = None) -> float
     motion, cause, power = motion[:, driven], cause[:, driven], power[driven]
     slope = (motion * cause).sum(0) / power
     sigma = np.sqrt(((motion - slope * cause) ** 2).sum(0) / freedom / power)
-    clear = slope > SIGNIFICANT * sigma
+    clear = slope > CERTAIN * sigma
     return float((slope * power)[clear].sum() / power[clear].sum()) if clear.any() else None
 
 

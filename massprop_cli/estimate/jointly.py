@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
+from massprop_cli.base.levels import ITERATIONS
 from massprop_cli.estimate import offline
 from massprop_cli.estimate.regression import Regression
 from massprop_cli.estimate.rows import Parameters
@@ -66,7 +67,7 @@ class Jointly(Regression):
         """Gauss–Newton iteration from ``start``, linearised about its own last estimate until that converges."""
         biases = [start.gyro_bias for _ in self.members]
         reference, tied = replace(start, gyro_bias=np.zeros(3)), False
-        for _ in range(offline.MAX_PASSES):
+        for _ in range(ITERATIONS):
             references = [replace(reference, gyro_bias=bias) for bias in biases]
             runs = [self._processed(member, about, tied) for member, about in zip(self.members, references, strict=True)]
             run = self.solved(self._stacked(runs, reference, tied))

@@ -14,9 +14,10 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import BLOCK
 from massprop_cli.base.rigidbody import elements
 from massprop_cli.estimate import compiled
-from massprop_cli.estimate.compiled import CHUNK, ROW_SIZE
+from massprop_cli.estimate.compiled import ROW_SIZE
 from massprop_cli.estimate.quantities import mass_first
 from massprop_cli.estimate.rows import Rows
 from massprop_cli.inputs.actuators.wheel import WheelLog
@@ -163,10 +164,10 @@ def replayed(
     def rows() -> Iterator[Rows]:
         # a pulse may continue into the cycle after the last one
         end = min(cycles.stop + 1, log.cycles)
-        for begin in range(0, end, CHUNK):
+        for begin in range(0, end, BLOCK):
             if progress is not None:
                 progress(begin / end)
-            part = slice(begin, min(begin + CHUNK, end))
+            part = slice(begin, min(begin + BLOCK, end))
             yield flight.step(cycles_of(log, part, cycles), part.stop == end).rows
 
     return rows(), lambda: flight.reference(vehicle)

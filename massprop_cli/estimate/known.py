@@ -6,17 +6,14 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import CONTRADICTION, KNOWN
 from massprop_cli.estimate.quantities import quantities
 from massprop_cli.estimate.rows import Parameters
 from massprop_cli.inputs.notice import Notice
 from massprop_cli.inputs.vehicle import Quantity, Vehicle
 
-MISMATCH = 4.0
-"""Sigmas between a known quantity and the log's own estimate, above which they contradict each other."""
 DENSEST = 22590.0
 """Density of osmium, the densest matter, kg/m³."""
-PRECISE = 0.1
-"""Relative sigma of mass and inertia below which their density is judged."""
 
 
 def density(mass: float, trace: float) -> float:
@@ -27,7 +24,7 @@ def density(mass: float, trace: float) -> float:
 def exceeds_density(values: Array, sigmas: Array) -> bool:
     """Whether a body with these quantities (10,) and sigmas (10,) would be denser than any matter."""
     used = [QUANTITIES.index(name) for name in ("ixx", "iyy", "izz", "mass")]
-    if not (values[used] > 0).all() or not (sigmas[used] < PRECISE * values[used]).all():
+    if not (values[used] > 0).all() or not (sigmas[used] < KNOWN * values[used]).all():
         return False
     return density(float(values[used[-1]]), float(values[used[:-1]].sum())) > DENSEST
 
@@ -36,18 +33,18 @@ def contradicted_values(log_alone: Parameters, vehicle: Vehicle, phase: str) -> 
     """Known quantities that the log contradicts, with the reason, and their notices; ``log_alone`` is the log's own estimate, one row."""
     said: dict[Quantity, str] = {}
     for name, z in discrepancies(log_alone, vehicle).items():
-        if abs(z) > MISMATCH:
+        if abs(z) > CONTRADICTION:
             said[name] = off_by(z)
     together = quantities(log_alone, vehicle)[0][0]
     for name, known in vehicle.known.items():
         off = abs(known.value - together[QUANTITIES.index(name)])
-        if name != "mass" and name not in said and off > MISMATCH * known.sigma:
+        if name != "mass" and name not in said and off > CONTRADICTION * known.sigma:
             said[name] = (
                 f"is {off / known.sigma:.3g} of its sigmas from the estimate that uses the log and all known values; check each of them"
             )
     heaviest = heaviest_body(log_alone, vehicle)
     mass = vehicle.known.get("mass")
-    if mass is not None and "mass" not in said and mass.value - MISMATCH * mass.sigma > heaviest:
+    if mass is not None and "mass" not in said and mass.value - CONTRADICTION * mass.sigma > heaviest:
         said["mass"] = f"is above {heaviest:.3g} kg, the most that any matter can have with the inertia that the log shows; check it"
     messages: dict[str, str] = {name: f"known.{name} = {vehicle.known[name].value:g} {text}" for name, text in said.items()}
     return messages, tuple(Notice("known-mismatch", f"phase {phase}: {message}") for message in messages.values())
@@ -78,7 +75,7 @@ def heaviest_body(log_alone: Parameters, vehicle: Vehicle) -> float:
     """
     values, full = _log_alone(log_alone, vehicle)
     moments = [QUANTITIES.index(name) for name in ("ixx", "iyy", "izz")]
-    most = (values[moments].sum() + MISMATCH * np.sqrt(full[np.ix_(moments, moments)].sum())) / 2
+    most = (values[moments].sum() + CONTRADICTION * np.sqrt(full[np.ix_(moments, moments)].sum())) / 2
     return float(np.maximum(most / 0.6, 0.0) ** 0.6 * (4 / 3 * np.pi * DENSEST) ** 0.4 + vehicle.bearing_mass_kg)
 
 

@@ -10,7 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.arrays import NORMAL_MEDIAN, Array, BoolArray, median
+from massprop_cli.base.levels import ENOUGH
 from massprop_cli.estimate.initial import early_reference
 from massprop_cli.estimate.unexplained import residual_force, residual_growth
 from massprop_cli.inputs.notice import Notice
@@ -28,10 +29,6 @@ LOW = 0.836
 """Mean of that percentile for white noise alone, in sigmas (tests/estimate/test_noiselevels.py)."""
 CHANCE = 3.2
 """Three standard deviations of that percentile, times the root of the number of cycles."""
-LEAST = 30
-"""Least number of cycles for an estimate."""
-MEDIAN = 0.6745
-"""Median of a normal deviate's absolute value, in sigmas."""
 ABSENT = 1.0
 """Noise level of a sensor that the log doesn't have; it carries no information."""
 
@@ -86,7 +83,7 @@ def white_level(signal: Array, cycles: Sequence[slice], read: BoolArray) -> floa
         for start in range(0, max(len(differences) - BLOCK + 1, 1), STRIDE):
             block = differences[start : start + BLOCK]
             if len(block):
-                levels.append(median(np.abs(block)) / MEDIAN)
+                levels.append(median(np.abs(block)) / NORMAL_MEDIAN)
     return float(np.percentile(levels, QUIET)) / LOW if levels else np.nan
 
 
@@ -100,13 +97,13 @@ def _unexplained(samples: Source, cycles: Sequence[slice], vehicle: Vehicle) -> 
     rate, force = [], []
     for piece in cycles:
         reference = early_reference(samples, piece, vehicle)
-        if reference is None or piece.stop - piece.start < LEAST:
+        if reference is None or piece.stop - piece.start < ENOUGH:
             continue
         growth = residual_growth(samples, piece, reference, vehicle)
-        if growth.used.any(1).sum() >= LEAST:
+        if growth.used.any(1).sum() >= ENOUGH:
             rate.append(float(growth.variance[growth.axes].mean() - 2 * growth.lagged[growth.axes].mean()) / 4)
         residual = residual_force(samples, piece, reference, vehicle)
-        if residual.used.any(1).sum() >= LEAST:
+        if residual.used.any(1).sum() >= ENOUGH:
             force.append(float(residual.stepped[residual.axes].mean()) / 2)
     gyro = float(np.mean(rate)) if rate else -1.0
     return (np.sqrt(gyro) if gyro > 0 else np.inf), (float(np.sqrt(np.mean(force))) if force else np.inf)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
+from massprop_cli.base.levels import BLOCK, ITERATIONS, LONG, PARTS
 from massprop_cli.estimate.history import History, Stages
 from massprop_cli.estimate.historyrecorder import HistoryRecorder
 from massprop_cli.estimate.nuisance import Whitened
@@ -27,15 +28,6 @@ from massprop_cli.prepare.compensate import Source
 
 CONVERGED = 0.003
 """Largest second-order error of the linearisation, in sigmas, of a converged off-line fit."""
-MAX_PASSES = 8
-"""Most passes of an off-line fit."""
-BLOCK = 1024
-"""Cycles per block of an off-line pass."""
-KEPT = 4096
-"""Longest phase, in cycles, whose whitened innovations an off-line fit keeps; those of a longer one are computed again."""
-
-STAGES = 32
-"""Number of stages, evenly over a phase, up to which the log's information is evaluated."""
 
 
 class OfflineFit(NamedTuple):
@@ -57,7 +49,7 @@ def fit(
     reference: Reference,
     vehicle: Resolved,
     consider: Consider = Consider(),  # noqa: B008
-    passes: int = MAX_PASSES,
+    passes: int = ITERATIONS,
     tied: bool = False,
 ) -> OfflineFit:
     """Fit the whole phase, from ``reference``: Gauss–Newton on the likelihood of all data.
@@ -70,7 +62,7 @@ def fit(
     recorder = HistoryRecorder(samples, cycles, vehicle, every=vehicle.estimator.refine)
     residuals = Residual.empty(cycles.stop - cycles.start)
     phi = coefficients(regression, last.run.estimate)
-    stops, passed = np.linspace(cycles.start, cycles.stop, STAGES + 1).astype(int)[1:], list[Run]()
+    stops, passed = np.linspace(cycles.start, cycles.stop, PARTS + 1).astype(int)[1:], list[Run]()
     for before, whitened, after in last.kept or blocks(regression, last.begun):
         about = replace(before, estimate=last.run.estimate, tied=last.run.tied)
         if recorder.every:
@@ -80,7 +72,7 @@ def fit(
         part = slice(before.at - cycles.start, after.at - cycles.start)
         residuals.value[part], residuals.sigma[part] = residual(regression, before, whitened, phi)
         recorder.add(rows.ending(regression.row(last.run)) if after.at == cycles.stop else rows)
-        passed += [after] if len(passed) < STAGES and after.at >= stops[len(passed)] else []
+        passed += [after] if len(passed) < PARTS and after.at >= stops[len(passed)] else []
     # the stages of a long phase are computed now, so that none of its blocks must be kept
     stages = partial(_stages, regression, last, passed) if last.kept else partial(Stages, *_stages(regression, last, passed))
     history = replace(recorder.history(phase, last.run.estimate), residual=residuals, stages=stages, unexplained=last.run.unexplained)
@@ -96,7 +88,7 @@ def _stages(regression: Regression, last: _Pass, passed: Sequence[Run]) -> Stage
 
 def _split(regression: Regression, last: _Pass) -> list[Run]:
     """Runs up to each stage, from the kept blocks of a short phase."""
-    stops, runs = np.linspace(regression.cycles.start, regression.cycles.stop, STAGES + 1).astype(int)[1:], list[Run]()
+    stops, runs = np.linspace(regression.cycles.start, regression.cycles.stop, PARTS + 1).astype(int)[1:], list[Run]()
     for before, whitened, after in last.kept:
         run, rows = before, regression.ordered(whitened).reshape(after.at - before.at, -1, len(before.triangle))
         for stop in stops[(stops > before.at) & (stops <= after.at)]:
@@ -155,7 +147,7 @@ class _Pass(NamedTuple):
 
 def _last_pass(regression: Regression, reference: Reference, passes: int, tied: bool) -> _Pass:
     cycles = regression.cycles
-    short = cycles.stop - cycles.start <= KEPT
+    short = cycles.stop - cycles.start <= LONG
     for _ in range(passes):
         begun = run = replace(regression.begin(reference), tied=tied)
         kept = []

@@ -9,6 +9,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import CHANCE, ITERATIONS
 from massprop_cli.estimate import disturbances, engine, noiselevels, offline
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.historyrecorder import with_observability
@@ -24,13 +25,8 @@ from massprop_cli.prepare.compensate import Source
 
 QUIET = 1 / 50
 """Variance of the rate residuals over the stated one, below which the stated noise is implausible: a seventh of its sigma."""
-ROUNDS = 8
-"""Most rounds in which disturbances are raised until they explain the innovations."""
 SIZING = 2
 """Passes of an off-line fit from which disturbances are estimated."""
-LOST = 3.0
-"""Sigmas between the causal estimate of a whole phase and the off-line fit of the same data, above which the causal one has diverged. Both
-use the same measurements, so they should differ by much less than one sigma."""
 BEGINNING, LONGER = 1024, 4
 """Cycles of the first fit of a long phase, and the factor on their number for the next ones."""
 Progress = Callable[[str, float], None]
@@ -121,7 +117,7 @@ class _Fitting(NamedTuple):
             None if fit is None or fit.converged or fit.history.reference is None else Start(fit.history.reference, fit.tied)
             for fit in fits
         ]
-        return [more or fit for more, fit in zip(self.fits(starts, offline.MAX_PASSES - SIZING), fits, strict=True)]
+        return [more or fit for more, fit in zip(self.fits(starts, ITERATIONS - SIZING), fits, strict=True)]
 
     def misfit(self, fits: Sequence[offline.OfflineFit | None], sized: bool = False) -> Array:
         """(6,) of :func:`massprop_cli.estimate.disturbances.misfit`."""
@@ -147,7 +143,7 @@ def as_stated(samples: Source, phases: Sequence[tuple[Phase, slice]], stated: Ve
     used, notices = noiselevels.with_noise_levels(samples, pieces, stated)
     fitting = _Fitting(samples, phases, used, consider)
     # before convergence, the log seems to inform unknowns that it cannot tell from the mass properties
-    passes = offline.MAX_PASSES if consider.restated else SIZING
+    passes = ITERATIONS if consider.restated else SIZING
     fits = fitting.fits(fitting.starts(), passes)
     excess = fitting.misfit(fits)
     gross, settled = np.full(6, np.nan), _converged(fits) or passes > SIZING
@@ -204,7 +200,7 @@ def _diverged(causal: History, settled: History, vehicle: Vehicle) -> bool:
     """Whether a causal pass has no estimate, or one that differs from the off-line fit of the same data."""
     # a free oscillation informs ratios much better than size: the linearisation's error does not show in the sigmas
     never = not np.isfinite(causal.values).any()
-    return vehicle.swings or never or bool((deviation(causal, settled) > LOST).any())
+    return vehicle.swings or never or bool((deviation(causal, settled) > CHANCE).any())
 
 
 def deviation(causal: History, settled: History) -> Array:
@@ -249,7 +245,7 @@ def _sized(
         used = disturbances.with_disturbances(excess if np.isnan(plain.gross).all() else plain.gross, used, likeliest)
         fitting = _Fitting(samples, phases, used, consider)
         starts = fitting.starts()
-        for _ in range(ROUNDS):
+        for _ in range(ITERATIONS):
             fits = fitting.fits(starts, SIZING)
             excess = fitting.misfit(fits, sized=True)
             raised = disturbances.with_disturbances(excess, used, likeliest)
@@ -263,7 +259,7 @@ def _sized(
         excess = fitting.misfit(fits)
     elif fits is not plain.fits and (used != plain.used or not _converged(fits)):
         # start again, so that a run with these settings stated gives the same result
-        fits = fitting.fits(fitting.starts(), offline.MAX_PASSES)
+        fits = fitting.fits(fitting.starts(), ITERATIONS)
         excess = fitting.misfit(fits, sized=used != plain.used)
     return used, fits, excess
 

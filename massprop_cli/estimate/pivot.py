@@ -14,15 +14,12 @@ from numpy.typing import NDArray
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import ITERATIONS, UNINFORMED
 from massprop_cli.base.rigidbody import MOMENTS, elements, spread, spread_by_arm
 from massprop_cli.inputs.vehicle import Vehicle
 
-UPDATES = 8
-"""Iterations of the iterated Kalman update."""
 RULED_OUT = 40.0
 """Excess of −2 log likelihood above which a scale is ruled out."""
-UNSIZED = 0.3
-"""Relative sigma of the inertia's size over the change that known inertia requires, above which the log informs ratios only."""
 
 
 class AboutCg(NamedTuple):
@@ -124,9 +121,9 @@ def _scaled(about: Array, covariance: Array, factor: Array, known: _KnownInertia
     the scaled value in any case. A log that informs ratios only does so equally well at any size.
     """
     size, sigma = about[:, MOMENTS].sum(1), np.sqrt(covariance[:, MOMENTS][..., MOMENTS].sum((1, 2)))
-    at, by = factor[:, None] * about, np.where(sigma > UNSIZED * np.abs(factor - 1) * size, factor, 1.0)
+    at, by = factor[:, None] * about, np.where(sigma > UNINFORMED * np.abs(factor - 1) * size, factor, 1.0)
     about, covariance = by[:, None] * about, by[:, None, None] ** 2 * covariance
-    for _ in range(UPDATES):
+    for _ in range(ITERATIONS):
         slope = np.zeros((len(about), 6, 9))
         slope[:, range(6), range(6)], slope[:, :, 6:] = 1.0, -spread_by_arm(at[:, 6:] / known.mass)
         slope = slope[:, known.which]

@@ -22,6 +22,7 @@ import numpy as np
 
 from massprop_cli import CG, QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import UNINFORMED
 from massprop_cli.base.rigidbody import COLUMNS, MOMENTS, ROWS, elements
 from massprop_cli.estimate.pivot import AboutCg, about_cg, by_thrust_scale
 from massprop_cli.estimate.rows import Parameters
@@ -29,10 +30,8 @@ from massprop_cli.inputs.vehicle import Quantity, Vehicle
 from massprop_cli.model.momentum import relative_scales
 
 T = TypeVar("T")
-MASS_UNKNOWN = 0.3
-"""Relative sigma of 1/m above which the log gives no mass, ..."""
 MASS_WEAK = 0.03
-"""... and above which, on a bearing, a known mass replaces it: the regression linearised the other quantities about the known mass."""
+"""Relative sigma of 1/m above which a known mass replaces it on a bearing: the regression linearised all else about the known mass."""
 HARDLY = 0.4
 """Relative sigma of an axis' J up to which the sigma of I = 1/J comes from the interval J ± 2 sigma; above, I is poorly informed."""
 
@@ -105,7 +104,7 @@ def _translating(parameters: Parameters, vehicle: Vehicle) -> AboutCg:
     mean, covariance, _ = parameters
     mu = mean[:, 9].copy()
     sigma = np.sqrt(covariance[:, 9, 9])
-    limit = MASS_WEAK if vehicle.on_air_bearing and "mass" in vehicle.known else MASS_UNKNOWN
+    limit = MASS_WEAK if vehicle.on_air_bearing and "mass" in vehicle.known else UNINFORMED
     with np.errstate(invalid="ignore"):
         uninformed = ~(mu > 0) | (sigma > limit * mu)
     if "mass" in vehicle.known:  # inertia and CG are linear in 1/m: rows that do not inform it are conditioned on it here

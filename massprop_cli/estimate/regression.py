@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, triangle_of
+from massprop_cli.base.levels import CHANCE, ITERATIONS, KNOWN, UNINFORMED
 from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.estimate import quantities
 from massprop_cli.estimate.innovations import in_units, innovations_given, sequential_innovations
@@ -23,8 +24,6 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import random_walk
 from massprop_cli.prepare.compensate import Source
 
-PASSES = 4
-"""Most relinearisations in a row."""
 CHECKPOINT = 64
 """Cycles between the runs from which a later relinearisation may start."""
 STALE = 0.1
@@ -38,14 +37,8 @@ CLEAR = 0.15
 """Relative sigma of 1/m below which a causal estimate of it may differ from the linearisation's by orders of magnitude."""
 EXACT = 1e-3
 """Relative sigma of a known mass that counts as exact."""
-KNOWN = 0.1
-"""Relative sigma below which the response of an axis counts as known."""
 RATIO = 1e-6
 """Relative sigma that a free oscillation may reach for ratios of inertia."""
-STEPS = 6
-"""Most Gauss–Newton steps on a triangle."""
-STUCK = 3.0
-"""Size of a step that leads to no rigid body, in sigmas, above which the search is stuck and its estimate has no meaning."""
 STILL = 0.1
 """Size of a step, in sigmas, below which it is the last."""
 
@@ -60,7 +53,7 @@ class Regression(Triangle):
     def relinearised(self, ring: list[Run], reference: Reference) -> list[Run]:
         """Process the cycles of the ring again, about the reference that they give from ``reference`` on."""
         oldest, end = ring[0], ring[-1].at
-        for _ in range(PASSES):
+        for _ in range(ITERATIONS):
             begun = replace(oldest, reference=reference, estimate=reference, relinearised_at=end)
             ring = [begun, *(run for run, _ in self.process_each(begun, [*range(oldest.at + CHECKPOINT, end, CHECKPOINT), end]))]
             ring[-1] = self.solved(ring[-1])
@@ -138,13 +131,11 @@ class Regression(Triangle):
         Returns θ, geometry and initial states, Φ (3, C), chi-square, and whether the search is stuck.
         """
         count = self._nuisance_count(tied)
-        for _ in range(STEPS):
+        for _ in range(ITERATIONS):
             centre, scale = self._pull(theta, run)
             triangle = self._posed(run, theta, scale, centre, tied)
             last = triangle[count + 9, count + 9 :]
-            factor, last[1:2] = self._without_mass_prior(
-                theta, scale, last[0], last[1:2], (centre - theta) / scale, quantities.MASS_UNKNOWN
-            )
+            factor, last[1:2] = self._without_mass_prior(theta, scale, last[0], last[1:2], (centre - theta) / scale, UNINFORMED)
             last[0] *= factor
             solved = np.linalg.solve(triangle[: count + 10, : count + 10], triangle[: count + 10, count + 10])
             least, others = self._least_mu_step(theta, centre, scale, triangle, solved[-1]), triangle[: count + 9]
@@ -155,7 +146,7 @@ class Regression(Triangle):
                 break
         # the part of the last step that was cut, because it led to no rigid body
         missing = triangle[count : count + 10, count : count + 10] @ (solved[count:] - (theta - before) / scale)
-        stuck = bool((missing**2).sum() > STUCK**2)
+        stuck = bool((missing**2).sum() > CHANCE**2)
         phi, coupling = self.phi_map.coefficients(theta)[0], self.phi_map.coupling
         if not tied:
             phi[coupling] = (
@@ -342,7 +333,7 @@ class Regression(Triangle):
             pull[faint, MU, MU] = (EXACT * self.known_mu) ** 2
         else:  # an initial reference that is orders of magnitude off must not pull a mass that the log informs
             mu = theta[MU] + step[:, MU, 0]
-            clear = (mu > 0) & (covariance[:, MU, MU] < (quantities.MASS_UNKNOWN * mu) ** 2)
+            clear = (mu > 0) & (covariance[:, MU, MU] < (UNINFORMED * mu) ** 2)
             pull[clear, MU, MU] = np.maximum(pull[clear, MU, MU], mu[clear] ** 2)
         pulled = step - covariance @ np.linalg.solve(covariance + pull, step + (theta - centre)[:, None])
         return TriangleSolution(root, steps, self.phi_map.nearest(theta, pulled[..., 0]), np.sqrt(np.einsum("kii->ki", covariance)))

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, median
+from massprop_cli.base.levels import LONG
 from massprop_cli.estimate.initial import early_reference
 from massprop_cli.estimate.whitening import Disturbance, Driven, independent, whitened_fits
 from massprop_cli.model.plant import Reference, plant_of
@@ -23,8 +24,6 @@ from massprop_cli.model.resolved import Resolved
 from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.prepare.compensate import Source
 
-LONGEST = 2048
-"""Cycles of each phase that are used."""
 LEVELS = (0.0, *(10.0**k for k in range(-3, 4)))
 """Levels in the first search, for both kinds of torque; at 1, a cycle's impulse changes the rate by one sigma of the gyro noise."""
 FINER = (3.0, 1.7, 1.3, 1.1)
@@ -117,7 +116,7 @@ def _likelihood_terms(piece: _Piece, levels: Sequence[tuple[float, float]]) -> t
 
 def _piece(samples: Source, cycles: slice, vehicle: Resolved) -> _Piece | None:
     """A phase's first cycles; None if they give no reference, or are too few."""
-    part = slice(cycles.start, min(cycles.start + LONGEST, cycles.stop))
+    part = slice(cycles.start, min(cycles.start + LONG, cycles.stop))
     reference = early_reference(samples, part, vehicle)
     phi_map = ResponseMap(plant_of(vehicle))
     if reference is None or part.stop - part.start < 3 * phi_map.plant.channels:

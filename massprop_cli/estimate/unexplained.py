@@ -9,15 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray
+from massprop_cli.base.levels import LONG
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.layout import PARAMETERS, RATE, Layout
 from massprop_cli.model.linearise import linearise
 from massprop_cli.model.parameters import parameters, stepped
 from massprop_cli.model.plant import Reference
 from massprop_cli.prepare.compensate import Source
-
-SEGMENT = 4096
-"""Longest segment, in cycles, that is fitted with one set of mass properties."""
 
 
 class SegmentResiduals(NamedTuple):
@@ -74,9 +72,9 @@ def residual_force(samples: Source, cycles: slice, reference: Reference, vehicle
 
 
 def _segments(cycles: slice) -> list[slice]:
-    """Segments of equal length, no longer than :data:`SEGMENT`."""
+    """Segments of equal length, no longer than :data:`LONG`."""
     count = cycles.stop - cycles.start
-    edges = np.linspace(cycles.start, cycles.stop, -(-count // SEGMENT) + 1).astype(int)
+    edges = np.linspace(cycles.start, cycles.stop, -(-count // LONG) + 1).astype(int)
     return [slice(int(first), int(end)) for first, end in pairwise(edges)]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from massprop_cli import ABOUT_PIVOT, QUANTITIES
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import BLOCK
 from massprop_cli.base.rigidbody import elements, tensor
 from massprop_cli.conclude.analysis import Analysis
 from massprop_cli.estimate import offline
@@ -89,7 +90,7 @@ def reference(own: Reference, used: Resolved, vehicle: VehicleInfo, phase: Phase
 
 def _manoeuvres(found: Analysis, cycles: slice) -> Array:
     """(K,) manoeuvre of each cycle: the axis with the largest command, relative to the largest of all cycles on that axis."""
-    parts = [found.samples.part(slice(at, min(at + offline.BLOCK, cycles.stop))) for at in range(cycles.start, cycles.stop, offline.BLOCK)]
+    parts = [found.samples.part(slice(at, min(at + BLOCK, cycles.stop))) for at in range(cycles.start, cycles.stop, BLOCK)]
     executed = [part.executed for part in parts]
     channels = np.concatenate([(one.channels.whole / one.duration_s[:, None]) @ one.channels.wrench for one in executed])
     size = np.abs(channels).max(0)

@@ -7,7 +7,8 @@ import pytest
 
 from massprop_cli import flow
 from massprop_cli.base.arrays import Array
-from massprop_cli.conclude.channelresiduals import AXES, _explained, channel_residual_test
+from massprop_cli.conclude.channelresiduals import _explained, channel_residual_test
+from massprop_cli.diagnosis.lackoffit import CHANNELS
 from massprop_cli.flow import Analysis
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.inputs.vehiclefile import VehicleSource, changed
@@ -39,7 +40,7 @@ def test_what_chance_leaves_along_a_channel_is_six_squares() -> None:
     flight = fly("free-flyer", *RANDOM, seeds=tuple(range(1, 21)))
     found = [flow.examine(flight.log(i), VehicleSource(flight.vehicle, "t", "")) for i in range(20)]
     explained = np.array([told(one) for one in found])
-    assert 0.5 * AXES < explained.mean() < 1.25 * AXES
+    assert 0.5 * CHANNELS < explained.mean() < 1.25 * CHANNELS
     assert explained.max() < 38.3
     names = channel_names(flight.log(0), flight.vehicle)
     assert not any(channel_residual_test(one.settled, one.samples, names, 1.0) for one in found)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from massprop_cli.base.arrays import Array, frozen
+from massprop_cli.base.levels import ENOUGH
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.diagnosis import change
 from massprop_cli.estimate.triangle import Triangle
@@ -88,7 +89,7 @@ def test_where_the_cg_alone_changes_and_nothing_pushes_it_may_be_another_imu() -
 
 def test_nothing_is_said_of_a_stretch_too_short_to_have_two_sides() -> None:
     samples, used, about, _ = docked(*faulty.sample("docking"), faulty.truth("docking"))
-    assert change.change_cycle(samples, slice(2, 2 + 4 * change.SHORTEST - 1), about, resolved(used)) is None
+    assert change.change_cycle(samples, slice(2, 2 + 4 * ENOUGH - 1), about, resolved(used)) is None
 
 
 def test_the_body_that_fits_a_triangle_is_the_one_that_flew() -> None:

@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from massprop_cli.base.levels import CHANCE
 from massprop_cli.diagnosis import change
-from massprop_cli.diagnosis.comparison import USUAL, fitted
+from massprop_cli.diagnosis.comparison import fitted
 from massprop_cli.diagnosis.design import Case, Designs
 from massprop_cli.diagnosis.diagnose import _pairs_with
 from massprop_cli.diagnosis.hypotheses import listed
@@ -123,7 +124,7 @@ def test_a_bias_costs_what_its_stated_sigma_makes_of_it(sigmas: float) -> None:
     log, used = flown.log(0), changed(flown.vehicle, ["imu.accel_bias_sigma_m_s2=0.05"])
     away = 0.05 * sigmas * log.interval_s[:, None] * np.array([1.0, 0.0, 0.0]) @ np.array(used.imu.body_from_imu)
     left = look_of(replace(log, delta_v_imu_m_s=log.delta_v_imu_m_s + away), used).stated.chi_square
-    assert left[3] - look_of(log, used).stated.chi_square[3] == pytest.approx(max(sigmas**2 - USUAL, 0.0), abs=10.0)
+    assert left[3] - look_of(log, used).stated.chi_square[3] == pytest.approx(max(sigmas**2 - CHANCE**2, 0.0), abs=10.0)
 
 
 @pytest.mark.parametrize("name", ["free-flyer", "air-bearing"])

@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import CERTAIN
 from massprop_cli.estimate import disturbances, unexplained
 from massprop_cli.estimate.initial import early_reference
 from massprop_cli.estimate.phases import Estimates, as_stated, estimates
@@ -62,11 +63,11 @@ def test_a_long_run_variance_is_in_excess_as_rarely_as_a_normal_deviate_is_beyon
     """In 200 cycles a normal tail's bound, 1 + 6 sigma, is passed 5 times in 100,000 by white noise."""
     for freedom in (20.0, 50.0, 200.0):
         chance = chi2.sf(disturbances._chi_square_bound(freedom) * freedom, freedom)
-        assert 0.4 < chance / norm.sf(disturbances.CERTAIN) < 1.1
+        assert 0.4 < chance / norm.sf(CERTAIN) < 1.1
     white = np.random.default_rng(1).standard_normal((200, 60_000))
     long_run = np.concatenate([disturbances._long_run([six], 14) for six in np.split(white, 10_000, axis=1)]) / 200
     assert long_run.var() == pytest.approx(2 / (1.5 * 200 / 14), rel=0.1)
-    assert 0 < (long_run > 1 + disturbances.CERTAIN * np.sqrt(4 * 14 / 3 / 200)).sum() < 10
+    assert 0 < (long_run > 1 + CERTAIN * np.sqrt(4 * 14 / 3 / 200)).sum() < 10
     assert long_run.max() < disturbances._chi_square_bound(1.5 * 200 / 14)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from massprop_cli.base.levels import ITERATIONS
 from massprop_cli.base.rigidbody import tensor
 from massprop_cli.estimate import offline, phases
 from massprop_cli.inputs.vehicle import Phase
@@ -26,7 +27,7 @@ def test_fits_led_on_are_the_very_same_as_if_all_passes_were_done_in_a_row(kind:
     flown, truth = flight.standard(kind), flight.TRUTH if kind == "free" else flight.ON_BEARING
     samples, used = flown.samples(np.random.default_rng(5)), flown.resolved
     far = Reference(3 * tensor(truth[:6]), truth[6:9] + 0.05, 2 / truth[9])
-    few, all_at_once = (offline.fit(samples, CYCLES, PHASE, far, used, passes=n) for n in (phases.SIZING, offline.MAX_PASSES))
+    few, all_at_once = (offline.fit(samples, CYCLES, PHASE, far, used, passes=n) for n in (phases.SIZING, ITERATIONS))
     assert not few.converged
     assert np.abs(few.history.values[-1] - all_at_once.history.values[-1]).max() > 0
     (led,) = phases._Fitting(samples, [(PHASE, CYCLES)], used, Consider()).continued([few])
