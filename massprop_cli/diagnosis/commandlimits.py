@@ -9,10 +9,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from massprop_cli.base.arrays import TINY, Array
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import ITERATIONS
 from massprop_cli.diagnosis.design import Case
-from massprop_cli.diagnosis.freeresponse import MeasuredMotion, cost, line_minimum, summed_residuals
+from massprop_cli.diagnosis.freeresponse import (
+    BoundedFit,
+    MeasuredMotion,
+    bounded_fit,
+    cost,
+    line_minimum,
+    one_sigma_further,
+    summed_residuals,
+)
 from massprop_cli.diagnosis.keyhypothesis import KeyValues
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.setup import stating
@@ -22,10 +31,8 @@ PARTS = (1.0, 0.98, 0.96, 0.93, 0.9, 0.86, 0.82, 0.77, 0.7, 0.6, 0.5, 0.4, 0.3, 
 """Limits that are searched, over the largest command."""
 NEAR, FINE, FINEST = 0.04, 2.5e-3, 1e-5
 """Steps of the search about the best of these: first and last; last once a limit explains more than none."""
-ROUNDS, STEP = 6, 1e-3
-"""Most Gauss–Newton steps; step of their difference quotients over the largest command."""
-SHORTER, STILL = (1.0, 0.5, 0.25, 0.1), 0.1
-"""Parts of a step that are tested; least decrease of −2 log likelihood for another step."""
+LOWER, UPPER = np.append(np.full(6, 1e-3), -np.inf), np.append(np.ones(6), np.inf)
+"""(7,) bounds of the limits over the largest commands, and of the change of the delay, cycles."""
 ALIKE_TO = 3
 """Decimals of −2 log likelihood at which equal scales agree."""
 
@@ -85,24 +92,23 @@ def limits(case: Case, motion: MeasuredMotion, later: float | None = None) -> Fo
 
 
 def _limits(explained: _LimitSearch, later: float | None) -> FoundLimits | None:
-    unlimited, components = np.ones(len(explained.largest)), explained.commanded
-    common = parts = _best_part(explained, unlimited, components, PARTS)
+    components = explained.commanded
+    common = parts = _best_part(explained, np.ones(6), components, PARTS)
     for starts in (PARTS, ()):  # each with the others, which may change then
         for i in components:
             parts = _best_part(explained, parts, [i], (*starts, 1.0, float(parts[i])), float(common[i]))
     single = [[i] for i in components if parts[i] < 1 and parts[i] != common[i]]
     shared = [i for i in components if parts[i] < 1 and parts[i] == common[i]]
-    units = np.array([np.isin(np.arange(len(parts) + 1), which) for which in (shared, *single) if which], float)
+    groups, delay = [which for which in (shared, *single) if which], [[len(parts)]] * (later is not None)
     values = np.append(parts, later or 0.0)
-    delay = np.eye(len(values))[-1:][: int(later is not None)]
-    while len(units):
-        values = _maximised(explained, values, np.vstack([units, delay]))
-        cost_now = cost(explained.residuals(values))
-        needed = np.array([cost(explained.residuals(np.where(unit > 0, 1.0, values))) > cost_now + CLEAR for unit in units])
-        if needed.all():
-            return FoundLimits(explained.key_values(values[:-1]), tuple(_further(explained, values, delay)), float(values[-1]), cost_now)
-        values = np.where(units[~needed].any(0), 1.0, values)
-        units = units[needed]
+    while groups:
+        values, found = _fitted(explained, values, [*groups, *delay])
+        unlimited = [_with(values, group, 1.0) for group in groups]
+        needed = [cost(explained.residuals(without)) > found.cost + CLEAR for without in unlimited]
+        if all(needed):
+            return FoundLimits(explained.key_values(values[:-1]), tuple(_further(explained, values, delay)), float(values[-1]), found.cost)
+        values = _with(values, [i for group, kept in zip(groups, needed, strict=True) for i in group if not kept], 1.0)
+        groups = [group for group, kept in zip(groups, needed, strict=True) if kept]
     return None
 
 
@@ -118,52 +124,29 @@ def _best_part(explained: _LimitSearch, parts: Array, which: Sequence[int], star
     return _with(parts, which, kept if cost_of(best) > cost_of(kept) - CLEAR else line_minimum(cost_of, [best], FINE, FINEST))
 
 
-def _maximised(explained: _LimitSearch, values: Array, units: Array) -> Array:
-    """Values maximised over combinations ``units`` (d, 7)."""
-    for _ in range(ROUNDS):
-        residuals, slopes = _slopes(explained, values, units)
-        step = -np.linalg.solve(slopes.T @ slopes + np.eye(len(units)), slopes.T @ residuals) @ units
-        candidates = [_bounded(values + shorter * step) for shorter in SHORTER]
-        best = min(candidates, key=lambda at: cost(explained.residuals(at)))
-        if cost(explained.residuals(best)) > cost(explained.residuals(values)) - STILL:
-            break
-        values = best
-    return values
+def _fitted(explained: _LimitSearch, values: Array, groups: Sequence[Sequence[int]], most: int = ITERATIONS) -> tuple[Array, BoundedFit]:
+    """Values (7,) of least cost with one value for each of ``groups``, the others fixed, and the fit of these."""
+
+    def every(at: Array) -> Array:
+        changed = values
+        for group, value in zip(groups, at, strict=True):
+            changed = _with(changed, group, float(value))
+        return changed
+
+    first = [group[0] for group in groups]
+    found = bounded_fit(lambda at: explained.residuals(every(at)), values[first], LOWER[first], UPPER[first], most)
+    return every(found.values), found
 
 
-def _further(explained: _LimitSearch, values: Array, delay: Array) -> Iterator[KeyValues]:
+def _further(explained: _LimitSearch, values: Array, delay: Sequence[Sequence[int]]) -> Iterator[KeyValues]:
     """Key values with each combination of separate limits one sigma further, since a common part is an assumption."""
-    units = np.eye(len(values))[np.flatnonzero(values[:-1] < 1)]
-    _, slopes = _slopes(explained, values, np.vstack([units, delay]))
-    covariance = np.linalg.inv(slopes.T @ slopes + np.eye(slopes.shape[1]))[: len(units), : len(units)]
-    variance, directions = np.linalg.eigh(covariance)
-    for step in np.sqrt(variance)[:, None] * directions.T @ units:
-        yield explained.key_values(_moved_within(values, step)[:-1])
-
-
-def _slopes(explained: _LimitSearch, values: Array, units: Array) -> tuple[Array, Array]:
-    """(n,) residuals over their noise, and (n, d) derivatives along ``units`` (d, 7).
-
-    Differences are taken towards larger limits. Below most commands a limit acts as a scale, which explains as much.
-    """
-    residuals = explained.residuals(values)
-    weights = 1 / np.sqrt((residuals**2).mean(0) + TINY)
-    steps = [STEP if (values + STEP * unit)[:-1].max() <= 1 else -STEP for unit in units]
-    derivatives = [
-        (explained.residuals(values + step * unit) - residuals) * weights / step for step, unit in zip(steps, units, strict=True)
-    ]
-    return (residuals * weights).ravel(), np.stack([one.ravel() for one in derivatives], 1)
-
-
-def _bounded(values: Array) -> Array:
-    """Values with limits at most the largest command."""
-    return np.append(np.clip(values[:-1], STEP, 1.0), values[-1])
-
-
-def _moved_within(values: Array, step: Array) -> Array:
-    """A step in the direction in which limits stay below the largest command."""
-    ways = (values + step, values - step)
-    return _bounded(min(ways, key=lambda one: float(one[:-1].max())))
+    limited = np.flatnonzero(values[:-1] < 1)
+    _, found = _fitted(explained, values, [*([i] for i in limited.tolist()), *delay], most=1)
+    covariance = found.covariance[: len(limited), : len(limited)]
+    for parts in one_sigma_further(values[limited], covariance, LOWER[limited], UPPER[limited]):
+        further = values[:-1].copy()
+        further[limited] = parts
+        yield explained.key_values(further)
 
 
 def _with(parts: Array, which: Sequence[int], part: float) -> Array:

@@ -7,7 +7,7 @@ The cost is −2 log likelihood of the residuals, with the variance about each a
 selects the delay, low-pass or command limit to test by a fit of the body.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import ENOUGH
+from massprop_cli.base.levels import ENOUGH, ITERATIONS
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -26,6 +26,12 @@ from massprop_cli.prepare.timing import Timing
 
 NEAR, FLAT = 0.01, 1e3
 """Step of the second difference of a cost, in the unit of the value, and the least curvature that gives a sigma (0.04)."""
+
+
+STEP = 1e-3
+"""Relative step of the difference quotients of a fit. A finer one falls between the commands that a limit cuts off."""
+STILL = 0.1
+"""Decrease of −2 log likelihood below which a fit has converged."""
 
 
 class MeasuredMotion(NamedTuple):
@@ -116,6 +122,46 @@ def _regression_residual(motion: Array, regressors: Array) -> Array:
     scaled = regressors[:, size > 0] / size[size > 0]
     # jets that always fire together give dependent columns
     return np.asarray(motion - scaled @ np.linalg.lstsq(scaled, motion, rcond=ROUNDING)[0])
+
+
+class BoundedFit(NamedTuple):
+    """Values of least cost within bounds."""
+
+    values: Array
+    """(d,) values."""
+    covariance: Array
+    """(d, d) their covariance, with a prior sigma of 1 for each."""
+    cost: float
+
+
+def bounded_fit(residuals: Callable[[Array], Array], start: Array, lower: Array, upper: Array, most: int = ITERATIONS) -> BoundedFit:
+    """Least cost of ``residuals`` (n, axes) of values (d,) between ``lower`` and ``upper``, by bounded least squares from ``start``.
+
+    The residuals are weighted anew by their own variances until the cost stays; with ``most`` 1, the values stay at ``start``.
+    """
+    from scipy.optimize import least_squares
+
+    values, least = start, cost(residuals(start))
+    for _ in range(most):
+        weights = 1 / np.sqrt((residuals(values) ** 2).mean(0) + TINY)
+
+        def weighted(at: Array, weights: Array = weights) -> Array:
+            return (residuals(at) * weights).ravel()
+
+        fit = least_squares(weighted, values, bounds=(lower, upper), method="dogbox", diff_step=STEP, max_nfev=min(most, 3))
+        if (now := cost(residuals(fit.x))) > least - STILL:
+            break
+        values, least = fit.x, now
+    return BoundedFit(values, np.linalg.inv(fit.jac.T @ fit.jac + np.eye(len(values))), least)
+
+
+def one_sigma_further(values: Array, covariance: Array, lower: Array, upper: Array) -> Iterator[Array]:
+    """Values (d,) one sigma further along each principal axis of their covariance, in the direction that the bounds leave more room."""
+    variance, directions = np.linalg.eigh(covariance)
+    for step in np.sqrt(variance)[:, None] * directions.T:
+        room = [np.where(way > 0, upper - values, values - lower) / np.maximum(np.abs(way), TINY) for way in (step, -step)]
+        forth, back = (min(1.0, float(each.min())) for each in room)
+        yield values + (step * forth if forth >= back else -step * back)
 
 
 def line_minimum(cost: Callable[[float], float], starts: Sequence[float], step: float, finest: float) -> float:

@@ -1,25 +1,21 @@
 """Friction of wheels whose torque is logged, by maximum likelihood of the free response.
 
-Gauss–Newton steps minimise the residuals of :mod:`massprop_cli.diagnosis.freeresponse`. Friction opposes the speed.
+It minimises the residuals of :mod:`massprop_cli.diagnosis.freeresponse`. Friction opposes the speed.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli.base.arrays import TINY, Array
+from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
 from massprop_cli.diagnosis.design import Case
-from massprop_cli.diagnosis.freeresponse import MeasuredMotion, cost, summed_residuals
+from massprop_cli.diagnosis.freeresponse import MeasuredMotion, bounded_fit, cost, one_sigma_further, summed_residuals
 from massprop_cli.diagnosis.keyhypothesis import KeyHypothesis, KeyValues
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.actuators.wheel import WheelLog
 
-ROUNDS, STEP = 12, 5e-3
-"""Most Gauss–Newton steps; step of their difference quotients over the largest torque."""
-SHORTER, STILL = (1.0, 0.5, 0.25, 0.1), 0.1
-"""Parts of a step that are tested; least decrease of −2 log likelihood for another step."""
 KEYS = ("coulomb_friction_n_m", "viscous_friction_n_m_s")
 
 
@@ -34,30 +30,18 @@ def friction_hypotheses(case: Case, motion: MeasuredMotion) -> list[KeyHypothesi
 
 def _friction_hypotheses(case: Case, motion: MeasuredMotion, entries: Sequence[str], sizes: Array) -> list[KeyHypothesis]:
     def states(parts: Array) -> KeyValues:
-        return dict(zip(entries, (np.maximum(parts, 0) * sizes).tolist(), strict=True))
+        return dict(zip(entries, (parts * sizes).tolist(), strict=True))
 
     def residuals(parts: Array) -> Array:
         return summed_residuals(motion, case.log, stating(case.vehicle, states(parts)), case.timing)
 
-    parts = np.array([case.setup.value(key)[0] for key in entries]) / sizes
-    initial = current = residuals(parts)
-    for _ in range(ROUNDS):
-        weights = 1 / np.sqrt((current**2).mean(0) + TINY)
-        slopes = np.stack([((residuals(parts + STEP * unit) - current) * weights).ravel() / STEP for unit in np.eye(len(parts))], 1)
-        # prior sigma: the largest torque
-        rows, target = np.vstack([slopes, np.eye(len(parts))]), np.append(-(current * weights).ravel(), -parts)
-        step = _nonnegative(rows, target + rows @ parts) - parts
-        next_parts, next_residuals = min(
-            ((at, residuals(at)) for at in (parts + part * step for part in SHORTER)), key=lambda one: cost(one[1])
-        )
-        if cost(next_residuals) > cost(current) - STILL:
-            break
-        parts, current = next_parts, next_residuals
-    if cost(current) > cost(initial) - CLEAR:
+    start = np.array([case.setup.value(key)[0] for key in entries]) / sizes
+    bounds = np.zeros(len(entries)), np.full(len(entries), np.inf)
+    found = bounded_fit(residuals, start, *bounds)
+    if found.cost > cost(residuals(start)) - CLEAR:
         return []
-    variance, directions = np.linalg.eigh(np.linalg.inv(rows.T @ rows))
-    one_sigma = tuple(states(_moved_within(parts, sigma * along)) for sigma, along in zip(np.sqrt(variance), directions.T, strict=True))
-    return [KeyHypothesis(("wheel-friction",), states(parts), one_sigma)]
+    one_sigma = tuple(map(states, one_sigma_further(found.values, found.covariance, *bounds)))
+    return [KeyHypothesis(("wheel-friction",), states(found.values), one_sigma)]
 
 
 def _sizes(case: Case) -> tuple[list[str], Array]:
@@ -72,21 +56,3 @@ def _sizes(case: Case) -> tuple[list[str], Array]:
         entries += [f"wheels.{n}.{key}" for key in KEYS]
         sizes += [largest, largest / fastest]
     return entries, np.array(sizes)
-
-
-def _moved_within(parts: Array, step: Array) -> Array:
-    """A step in the direction with more room above 0, within it."""
-    room = [min([1.0, *(parts[down] / -way[down])]) for way in (step, -step) for down in [way < 0]]
-    return np.asarray(parts + (step * room[0] if room[0] >= room[1] else -step * room[1]))
-
-
-def _nonnegative(rows: Array, target: Array) -> Array:
-    """Least-squares solution of ``rows`` x = ``target`` with x ≥ 0, by removing negative components."""
-    free, solution = np.ones(rows.shape[1], dtype=bool), np.zeros(rows.shape[1])
-    while free.any():
-        solution[:] = 0
-        solution[free] = np.linalg.lstsq(rows[:, free], target, rcond=None)[0]
-        if (solution >= 0).all():
-            break
-        free &= solution >= 0
-    return np.maximum(solution, 0)
