@@ -15,7 +15,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import CERTAIN
+from massprop_cli.base.levels import CERTAIN, ITERATIONS
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis.preprocessing import Ready, about_values, ready
 from massprop_cli.diagnosis.ranking import CLEAR
@@ -29,9 +29,8 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, biased_attitude, gathered
 from massprop_cli.prepare.tachometer import change_sigmas
 
-PASSES, LITTLE = 4, 0.01
-"""Most fits for the bias, and the part of its stated sigma at which it has converged. A CG far below its pivot makes the problem
-nonlinear."""
+LITTLE = 0.01
+"""Largest change of the bias at convergence, in its stated sigmas."""
 NEAR = 0.2
 """Largest distance of an uncertain value's estimate from the value about which it is linearised, in its stated sigmas."""
 NEGLIGIBLE = 1.005
@@ -69,7 +68,7 @@ def _fitted(begun: Ready) -> _First:
         return first
     longest = int(np.argmax([piece.stop - piece.start for piece in begun.pieces]))
     movable = np.array([one.movable for one in begun.consider.restated])
-    for _ in range(PASSES):
+    for _ in range(ITERATIONS):
         fit = first.plain.fits[longest]
         at = now if fit is None else np.where(movable, fit.values, 0.0)
         if np.abs(at - now).max() < NEAR or not np.abs(at).max() < CERTAIN:
@@ -116,7 +115,7 @@ def _with_gyro_bias(first: _First, with_bias: Callable[[Array], _First]) -> _Fir
     if fit is None or fit.history.reference is None or not biased_attitude(samples.attitude_logged, stated):
         return first
     bias, found = np.zeros(3), first
-    for _ in range(PASSES):
+    for _ in range(ITERATIONS):
         (fit, *_) = found.plain.fits
         step = None if fit is None or fit.history.reference is None else fit.history.reference.gyro_bias
         if step is None or (found is not first and np.linalg.norm(step) < LITTLE * sigma):

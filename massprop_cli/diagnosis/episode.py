@@ -12,7 +12,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import written
-from massprop_cli.base.levels import SLIGHT
+from massprop_cli.base.levels import ITERATIONS, SLIGHT
 from massprop_cli.diagnosis.corrections import Correction, time_text
 from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import PART, Refit
@@ -27,8 +27,8 @@ from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 
 LIKELY, AS_WELL = 3, 0.3
 """Jets that are tested; least gain of a window over that of the best one."""
-ROUNDS, STANDS = 10, 0.3
-"""Most iterations of a window; change of the thrust at convergence, sigmas."""
+STANDS = 0.3
+"""Largest change of the thrust at convergence, sigmas."""
 SLOWLY, FAR = 0.8, 10.0
 """Ratio of successive misfits, and misfit over pure error, beyond both of which an iteration is abandoned."""
 MOST = 2.5
@@ -175,7 +175,7 @@ def _iterated(screening: Screening, window: Window, disturbance: Disturbance) ->
     # a dead or reversed jet disturbs the initial body, and so its apparent thrust
     initial = next((value for value in EXACT if abs(window.thrust - value) < 0.5 or window.thrust < value < 0), window.thrust)
     applied = _applied(screening, window._replace(thrust=initial), disturbance, screening.stated.value("theta"))
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         if applied is None:
             break
         regression, theta, thrust = (

@@ -19,6 +19,7 @@ import numpy as np
 from massprop_cli.base.arrays import NORMAL_MEDIAN, Array, BoolArray, IntArray, frozen, last_before, median, runs
 from massprop_cli.base.levels import BLOCK, CERTAIN, EDGE, ENOUGH, MAIN_PART, RESOLUTION
 from massprop_cli.diagnosis.design import CYCLES_PER_COLUMN
+from massprop_cli.diagnosis.lackoffit import LAGS
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.logtable import LONG
 from massprop_cli.inputs.marked import BY_CHANCE
@@ -42,8 +43,6 @@ BEGUN, EARLY = 3, 3.0
 """Number of first cycles, in which earlier commands may act, and the factor on the limit there."""
 RUN = 2
 """Most successive outliers; more are motion."""
-LAGS = (0, 1, 2)
-"""Delays of the commands among the regressors, cycles."""
 LEAST = 3
 """Least cycles with known commands."""
 ROUNDS = 20

@@ -7,7 +7,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.base.levels import MAIN_PART
+from massprop_cli.base.levels import CERTAIN, ITERATIONS, MAIN_PART
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import applied, discrete_factors, is_discrete
@@ -29,10 +29,8 @@ ASTRAY = 1e5
 """Misfit beyond which the intra-cycle motion of the fitted body is meaningless."""
 NO_WAY, STRAIGHT = 100.0, 2
 """Predicted misfit of the next step beyond which an iteration is abandoned, and the iterations before this test (docs/faults.md)."""
-AGAIN, ROUGH = 16, 6
-"""Most iterations; and those before the disturbance is estimated again."""
-ROUNDS = 3
-"""Most estimates of the disturbance."""
+AGAIN = 16
+"""Most iterations once the disturbance stays."""
 STILL, ROUGHLY = 0.01, 1.0
 """Change of −2 log likelihood that ends the iterations; and before the disturbance is estimated again."""
 BOLD = 3.0
@@ -190,7 +188,7 @@ def _fits_linearly(screening: Screening, fit: Fitted) -> bool:
     """Whether a linear fit makes the log fit, for errors that cannot be applied to log or vehicle file."""
     freedom = screening.degrees_of_freedom - fit.unknowns
     misfit = float(fit.chi_square.sum() / freedom)
-    return misfit < FITS[0] + FITS[1] * np.sqrt(2 / freedom) and (misfit < PART * screening.misfit or not screening.far_exceeds_noise)
+    return misfit < FITS + CERTAIN * np.sqrt(2 / freedom) and (misfit < PART * screening.misfit or not screening.far_exceeds_noise)
 
 
 def refined(
@@ -203,7 +201,7 @@ def refined(
     """
     disturbances = screening.free.disturbances
     fit, case, corrected = _iterated(screening, fit, case, disturbances, best, bool(disturbances), applied_once)
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         if (
             corrected is None
             or not disturbances
@@ -315,7 +313,7 @@ def _iterated(
         return fit, case, corrected if likely or corrected.misfit > ASTRAY else relinearised(corrected)
     last: Array = np.zeros(fit.unknowns)
     too_far = False
-    tolerance, most = (ROUGHLY, ROUGH) if roughly else (STILL, AGAIN)
+    tolerance, most = (ROUGHLY, ITERATIONS) if roughly else (STILL, AGAIN)
     for i in range(most):
         next_fit, promised = corrected.next_step(fit)
         fit = replace(fit, spread=_scaled_spread(fit, next_fit.spread) * np.sqrt(max(corrected.misfit, 1.0)))

@@ -28,6 +28,7 @@ from massprop_cli.diagnosis.explanation import EVEN, IN_MAP, IN_VEHICLE_FILE
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypotheses import other_units
 from massprop_cli.diagnosis.ranking import CLEAR
+from massprop_cli.diagnosis.screening import CLOSE
 from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.errorparameters.thrust import RPM
 from massprop_cli.estimate import phases
@@ -44,8 +45,6 @@ from massprop_cli.prepare.actuators import channel_wrench
 from massprop_cli.prepare.align import Impulses, impulses
 from massprop_cli.prepare.timing import Timing
 
-FITS, CHANCE = 1.5, 6.0
-"""Largest mean square of the normalised innovations of a channel that fits, plus sigmas of chance."""
 FINALISTS = 3
 """Number of readings that are fitted until they converge."""
 ORDERS, EVERY = 4, 7
@@ -132,7 +131,7 @@ class _Case(NamedTuple):
         cost = float((innovations.count * np.log(variance + TINY)).sum()) - 2 * innovations.count * float(np.log(sizes).sum())
         mean_squares = [float((part**2).sum(1).mean()) for part in (samples.rate_rad_s, samples.specific_force_m_s2)]
         moving = max(np.sqrt(mean_squares) / (self.vehicle.imu.gyro_noise_rad_s, self.vehicle.imu.accel_noise_m_s2)) > CERTAIN
-        fits = bool(moving and (variance < FITS + CHANCE * np.sqrt(2 / innovations.count)).all())
+        fits = bool(moving and (variance < CLOSE + CERTAIN * np.sqrt(2 / innovations.count)).all())
         return _ReadingFit(cost, fits, exceeds_density(fit.history.values[-1], fit.history.sigmas[-1]))
 
 

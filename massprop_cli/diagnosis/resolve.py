@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UntoldError
-from massprop_cli.base.levels import LONG
+from massprop_cli.base.levels import CONTRADICTION, LONG
 from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import FoundTiming, Rated
 from massprop_cli.diagnosis.samplededges import near_samples, steps_at_samples
@@ -55,8 +55,8 @@ NEXT = 4
 """Number of delays that a message compares, plus one."""
 FIRST_HZ = 50.0
 """Initial cutoff of an estimate, Hz."""
-NARROWER, FARTHEST = 0.5, 4.0
-"""Sigma of the log's own estimate over the stated sigma, up to which it is used; sigmas by which both may differ."""
+NARROWER = 0.5
+"""Sigma of the log's own estimate over the stated sigma, up to which it is used."""
 
 
 def with_phase(log: Log, vehicle: Vehicle) -> Vehicle:
@@ -254,7 +254,7 @@ def _with_stated(start: Setup, automatic: Mapping[str, bool]) -> FoundTiming | N
     if found is None:
         return None
     differences = np.abs(delay.differences(found.setup(start), start, unknown))
-    return found if all(not sigma or off < FARTHEST * sigma for off, sigma in zip(differences, prior, strict=True)) else None
+    return found if all(not sigma or off < CONTRADICTION * sigma for off, sigma in zip(differences, prior, strict=True)) else None
 
 
 def _narrowed(log: Log, vehicle: Vehicle, say: Progress) -> FoundTiming | None:
@@ -287,7 +287,7 @@ def _combined(found: FoundTiming, given: Setup, difference: Array, stated: Array
     """Combination of a stated timing t_P ± √P and the log's own t_S ± √S: t_P + P (P + S)⁻¹ (t_S − t_P)."""
     log_covariance = found.covariance
     informative = np.linalg.eigvals(np.linalg.solve(stated, log_covariance)).real.min() < NARROWER**2
-    if not informative or difference @ np.linalg.solve(stated + log_covariance, difference) > FARTHEST**2:
+    if not informative or difference @ np.linalg.solve(stated + log_covariance, difference) > CONTRADICTION**2:
         return None
     gain = stated @ np.linalg.inv(stated + log_covariance)
     between = gain @ log_covariance

@@ -14,7 +14,7 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import CHANCE, CONTRADICTION, EDGE, GROSS
+from massprop_cli.base.levels import CERTAIN, CHANCE, CONTRADICTION, EDGE, GROSS
 from massprop_cli.diagnosis import hypotheses, normalised, segment
 from massprop_cli.diagnosis.channelwise import FreeResponse, free_response, free_responses_by_torque
 from massprop_cli.diagnosis.coefficients import Model
@@ -37,8 +37,8 @@ from massprop_cli.prepare.stream import Stream
 
 LONGEST = 1200
 """Cycles of the segment that hypotheses are screened on."""
-FITS = (2.0, 6.0)
-"""Misfit limit: this multiple of pure error, plus this many sigmas of chance. The linear motion within a cycle leaves as much as the noise
+FITS = 2.0
+"""Misfit limit: this multiple of pure error, in addition to chance. The linear motion within a cycle leaves as much as the noise
 if a body turns 0.06 rad in a cycle."""
 CLOSE = 1.4
 """The same multiple if the columns hold the body's own intra-cycle motion."""
@@ -183,12 +183,12 @@ class Screening:
     @property
     def fits(self) -> bool:
         """Whether the stated case fits (:data:`FITS`)."""
-        return bool(self.misfit < FITS[0] + FITS[1] * np.sqrt(2 / self.degrees_of_freedom))
+        return bool(self.misfit < FITS + CERTAIN * np.sqrt(2 / self.degrees_of_freedom))
 
     @property
     def fits_closely(self) -> bool:
         """The same if the columns hold the body's own intra-cycle motion (:data:`CLOSE`)."""
-        return bool(self.misfit < CLOSE + FITS[1] * np.sqrt(2 / self.degrees_of_freedom))
+        return bool(self.misfit < CLOSE + CERTAIN * np.sqrt(2 / self.degrees_of_freedom))
 
     @property
     def within_chance(self) -> bool:

@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import LONG
 from massprop_cli.diagnosis import delay
 from massprop_cli.diagnosis.freeresponse import line_minimum, log_costs, motion_of
 from massprop_cli.diagnosis.resolve import PHASE
@@ -46,8 +47,8 @@ LATER, FINEST = (-2.0, -1.0, 0.0, 1.0, 2.0), 1 / 256
 """Latencies of one sensor that are searched, cycles; last step of the search."""
 NEAR = (-0.5, -0.25, 0.0, 0.25, 0.5)
 """Changes of the delay that are searched for kernels of another kind, cycles."""
-LONGEST, FEW = 4800, 1200
-"""Cycles that are used; and for the latency of one sensor."""
+FEW = 1200
+"""Cycles that are used for the latency of one sensor."""
 
 
 class _Kernel(NamedTuple):
@@ -146,7 +147,7 @@ class _CommandRegression(NamedTuple):
     @staticmethod
     def of(log: Log, vehicle: Vehicle) -> _CommandRegression:
         """Regression with the stated delay, or that of least cost."""
-        part = _first_cycles(log, LONGEST)
+        part = _first_cycles(log, LONG)
         stated = vehicle.cycle.command_delay_cycles
         lag = 0.0 if vehicle.thrust.lag_s == "auto" else vehicle.thrust.lag_s / vehicle.cycle.period_s
         at = Timing(0.0, lag) if stated == "auto" else Timing(stated, lag)
