@@ -10,10 +10,21 @@ MAIN_PART = 0.5
 """Part beyond which something is the main part of a misfit or of a log."""
 ITERATIONS = 8
 """Most steps of a Gauss–Newton iteration. One that converges needs three to five."""
+SLOW_ITERATIONS = 20
+"""The same among unknowns that are nearly collinear, where steps are small."""
+STILL = 0.1
+"""Change in sigmas, or of −2 log likelihood, below which an iteration has converged."""
+EVEN, UNUSUAL, CLEAR = 6.0, 9.2, 14.0
+"""−2 log of odds: 1 : 20, up to which two causes are named side by side; 1 : 100, prior odds of what is seldom; and 1 : 1000, by which a
+cause must beat its rivals to be named alone."""
+FINALISTS = 3
+"""Number of the best candidates that are examined further."""
 ENOUGH = 30
 """Least number of values for a variance, which then has a relative sigma of a quarter."""
 LONG = 4096
 """Cycles of a log that one fit uses at most. More would cost time and memory and hardly change its result."""
+SHORT = 1200
+"""Cycles of a log that are used where a fit is repeated for many hypotheses."""
 BLOCK = 1024
 """Cycles that are processed together."""
 PARTS = 32

@@ -15,10 +15,9 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import CERTAIN, ITERATIONS
+from massprop_cli.base.levels import CERTAIN, CLEAR, ITERATIONS, STILL
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis.preprocessing import Ready, about_values, ready
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.estimate.phases import AsStated, Progress, as_stated
 from massprop_cli.inputs.actuators.wheel import Wheel
@@ -31,8 +30,6 @@ from massprop_cli.prepare.tachometer import change_sigmas
 
 LITTLE = 0.01
 """Largest change of the bias at convergence, in its stated sigmas."""
-NEAR = 0.2
-"""Largest distance of an uncertain value's estimate from the value about which it is linearised, in its stated sigmas."""
 NEGLIGIBLE = 1.005
 """Factor on the gyro noise below which tachometer noise is omitted: a tenth of the gyro noise, with a torque that adds less than a tenth to
 a variance."""
@@ -71,7 +68,7 @@ def _fitted(begun: Ready) -> _First:
     for _ in range(ITERATIONS):
         fit = first.plain.fits[longest]
         at = now if fit is None else np.where(movable, fit.values, 0.0)
-        if np.abs(at - now).max() < NEAR or not np.abs(at).max() < CERTAIN:
+        if np.abs(at - now).max() < STILL or not np.abs(at).max() < CERTAIN:
             break
         try:
             about = about_values(begun, at.tolist())

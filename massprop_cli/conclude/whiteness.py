@@ -15,7 +15,7 @@ import numpy as np
 
 from massprop_cli import QUANTITIES
 from massprop_cli.base.arrays import TINY, Array, BoolArray
-from massprop_cli.base.levels import CONTRADICTION
+from massprop_cli.base.levels import CONTRADICTION, ENOUGH
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.residualtest import DOUBTFUL, deviate, threshold
@@ -24,8 +24,6 @@ from massprop_cli.model.resolved import Resolved
 
 LAGS = range(1, 12)
 """Lags of the autocorrelation, cycles."""
-LEAST = 60
-"""Least number of cycles for both tests."""
 COLOURED = 0.25
 """Least Σ r_k² of a correlated residual, in addition to the test of Q. No real disturbance is exactly white, and a long log shows a small
 correlation. Oscillation gives 0.3 to 5."""
@@ -79,7 +77,7 @@ def autocorrelation_and_kurtosis(normalised: Array, least: float = TINY) -> tupl
     """
     rows = normalised[np.isfinite(normalised).all(1)]
     count = len(rows)
-    if count < LEAST:
+    if count < 2 * ENOUGH:
         return np.zeros((len(LAGS), 6)), np.zeros(6), count
     clipped = np.clip(rows, -CONTRADICTION, CONTRADICTION)
     power = np.maximum((clipped**2).sum(0), least * count)

@@ -10,9 +10,8 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from massprop_cli.base.arrays import Array, triangle_of
-from massprop_cli.base.levels import ENOUGH, ITERATIONS, PARTS
+from massprop_cli.base.levels import ENOUGH, ITERATIONS, PARTS, STILL
 from massprop_cli.estimate.initial import first_reference
-from massprop_cli.estimate.regression import STILL
 from massprop_cli.estimate.triangle import Triangle
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved

@@ -4,20 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli.base.levels import ITERATIONS, SLIGHT
+from massprop_cli.base.levels import CLEAR, FINALISTS, ITERATIONS, SLIGHT
 from massprop_cli.diagnosis import hypotheses
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted
 from massprop_cli.diagnosis.corrections import correction_of, uncertain_corrections
 from massprop_cli.diagnosis.explanation import about_one_channel, chosen, words_of
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypothesis import Hypothesis
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit, chi_square_limit, hopeless, refitted_each
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.inputs.notice import Notice
-
-CHANNELS = 3
-"""Pairs of channels that are refitted."""
 
 
 def swapped(screening: Screening) -> Diagnosis | None:
@@ -64,7 +60,7 @@ def two_channels(screening: Screening, one_fits: bool) -> Diagnosis | None:
 
 def _likeliest(screening: Screening, exchanges: Sequence[Hypothesis]) -> list[Fitted]:
     fits = screening.fitted(exchanges, tolerance=ROUGHLY)
-    return sorted(fits, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:CHANNELS]
+    return sorted(fits, key=lambda one: (screening.likelihood(one.chi_square), one.hypothesis.subject))[:FINALISTS]
 
 
 def _refits(screening: Screening, likeliest: Sequence[Fitted]) -> list[Refit]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import ITERATIONS
+from massprop_cli.base.levels import CLEAR, ITERATIONS
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.freeresponse import (
     BoundedFit,
@@ -23,7 +23,6 @@ from massprop_cli.diagnosis.freeresponse import (
     summed_residuals,
 )
 from massprop_cli.diagnosis.keyhypothesis import KeyValues
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.setup import stating
 
 KEY = "thrust.wrench_limits"

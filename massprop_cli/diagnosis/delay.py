@@ -17,7 +17,7 @@ import numpy as np
 from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import CONTRADICTION, ENOUGH, ITERATIONS
+from massprop_cli.base.levels import CONTRADICTION, ENOUGH, ITERATIONS, SLOW_ITERATIONS, STILL
 from massprop_cli.diagnosis.fit import Extra, Fit, fit, response
 from massprop_cli.diagnosis.freeresponse import line_minimum, log_costs, motion_costs, motion_of
 from massprop_cli.errorparameters.setup import Setup, stating
@@ -52,15 +52,11 @@ SIGNIFICANT = 3.0
 channels, all that move on a table. Real flights, whose model is no better, have less than a fifth of it."""
 FINEST = 1 / 512
 """Final step of the search by commands alone, cycles."""
-MORE_STEPS = 20
-"""Most steps for a lag; it is nearly collinear with the delay, so steps are small."""
 SETTLED = 1e-3
 """Largest step at convergence, cycles."""
 SHORT, FARTHER = 0.1, 2.0
 """Time constant, cycles, below which a low-pass is nearly a delay, so that its derivative does not describe a longer one; and the longer
 time constant that is tested, relative to it."""
-LITTLE = 0.05
-"""Largest step of a cutoff at convergence, sigmas."""
 CUTOFFS_HZ = (300.0, 180.0, 110.0, 70.0, 45.0, 28.0, 18.0, 11.0, 7.0)
 """Cutoffs of the coarse search, Hz."""
 LATENCIES_S = (0.0, 0.0015, 0.003, 0.006, 0.012)
@@ -141,7 +137,7 @@ def detect(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], prior:
     references = dict[int, Reference]()
     prior_information = np.array([1 / sigma**2 if sigma else 0.0 for sigma in prior or [0.0] * len(unknown)])
     initial = np.array([cycles_of(setup, name) for name in unknown])
-    for _ in range(ITERATIONS if list(unknown) == ["delay"] else MORE_STEPS):
+    for _ in range(ITERATIONS if list(unknown) == ["delay"] else SLOW_ITERATIONS):
         move = _joint_step(setup_now, pieces, unknown, references)
         if move is None:
             return None
@@ -155,7 +151,7 @@ def detect(setup: Setup, pieces: Sequence[slice], unknown: Sequence[str], prior:
         setup_before, setup_now = setup_now, shifted(setup_now, unknown, last_steps)
         moved = np.abs(differences(setup_now, setup_before, unknown))
         sigmas = np.sqrt(np.diag(covariance))
-        tolerance = np.where([name in ("delay", "lag") for name in unknown], SETTLED, LITTLE * sigmas)
+        tolerance = np.where([name in ("delay", "lag") for name in unknown], SETTLED, STILL * sigmas)
         if (moved < np.maximum(tolerance, SETTLED)).all():
             break
     else:

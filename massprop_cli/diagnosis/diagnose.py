@@ -16,7 +16,7 @@ from itertools import chain, islice
 
 import numpy as np
 
-from massprop_cli.base.levels import MAIN_PART
+from massprop_cli.base.levels import CLEAR, MAIN_PART, SHORT
 from massprop_cli.diagnosis import NO_CAUSE, delay, hypotheses
 from massprop_cli.diagnosis.channelpairs import swapped, two_channels, wired
 from massprop_cli.diagnosis.comparison import Fitted
@@ -37,7 +37,6 @@ from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.inspection import gravity_felt, lost_records, sparse_commands
 from massprop_cli.diagnosis.masschange import COMMANDED, Segments, likeliest_change, mass_change
 from massprop_cli.diagnosis.phaseboundary import phase_boundary
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.recordings import logged_after, low_pass_refits, recording_refits, units_by_noise
 from massprop_cli.diagnosis.refit import (
     MOST_CYCLES,
@@ -50,7 +49,7 @@ from massprop_cli.diagnosis.refit import (
     refitted,
     refitted_each,
 )
-from massprop_cli.diagnosis.screening import LONGEST, Screening, busiest, relinearised, screened, under_likeliest_torque
+from massprop_cli.diagnosis.screening import Screening, busiest, relinearised, screened, under_likeliest_torque
 from massprop_cli.diagnosis.search import codes, equivalent, searched
 from massprop_cli.diagnosis.undisturbed import undisturbed
 from massprop_cli.errorparameters.table import PRIORS
@@ -135,14 +134,14 @@ def _before_hypotheses(screening: Screening) -> Diagnosis | None:
 def _around_change(case: Case, pieces: Sequence[slice]) -> Screening | None:
     """Screening of the cycles around the most likely change of the body, if the most commanded cycles fit and these do not."""
     longest = max(pieces, key=lambda piece: piece.stop - piece.start)
-    if longest.stop - longest.start <= LONGEST or (case.vehicle.pivoted and case.log.attitude_wxyz is None):
+    if longest.stop - longest.start <= SHORT or (case.vehicle.pivoted and case.log.attitude_wxyz is None):
         return None
     part, piece = busiest(case, longest, MOST_CYCLES)
     change_at = likeliest_change(part, piece)
     if change_at is None:
         return None
-    first = min(max(change_at[0] - LONGEST // 2, piece.start), piece.stop - LONGEST)
-    about, around = busiest(part, slice(first, first + LONGEST))
+    first = min(max(change_at[0] - SHORT // 2, piece.start), piece.stop - SHORT)
+    about, around = busiest(part, slice(first, first + SHORT))
     screening = screened(about._replace(whole=(case.log, longest)), around)
     return None if screening is None or screening.within_chance else screening
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.configfile import written
-from massprop_cli.base.levels import ITERATIONS, SLIGHT
+from massprop_cli.base.levels import CLEAR, ITERATIONS, SLIGHT, STILL
 from massprop_cli.diagnosis.corrections import Correction, time_text
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import PART, Refit
 from massprop_cli.diagnosis.screening import Screening, relinearised, screened
 from massprop_cli.diagnosis.windows import Window, WindowRegression
@@ -27,8 +26,6 @@ from massprop_cli.prepare.clock import by_commands_clock, cycle_edges
 
 LIKELY, AS_WELL = 3, 0.3
 """Jets that are tested; least gain of a window over that of the best one."""
-STANDS = 0.3
-"""Largest change of the thrust at convergence, sigmas."""
 SLOWLY, FAR = 0.8, 10.0
 """Ratio of successive misfits, and misfit over pure error, beyond both of which an iteration is abandoned."""
 MOST = 2.5
@@ -190,7 +187,7 @@ def _iterated(screening: Screening, window: Window, disturbance: Disturbance) ->
             (value for value in EXACT if abs(next_window.thrust - value) < max(NEAR, SURE * next_window.sigma)), next_window.thrust
         )
         unchanged = (next_window.first, next_window.stop) == (applied.window.first, applied.window.stop)
-        if unchanged and (thrust == rounded or abs(next_window.thrust - thrust) < STANDS * next_window.sigma):
+        if unchanged and (thrust == rounded or abs(next_window.thrust - thrust) < STILL * next_window.sigma):
             return applied._replace(window=next_window)
         misfit, applied = applied.screening.misfit, _applied(screening, next_window._replace(thrust=rounded), disturbance, theta)
         if applied is not None and applied.screening.misfit > max(SLOWLY * misfit, FAR):

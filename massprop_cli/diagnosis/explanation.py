@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, Array
+from massprop_cli.base.levels import CLEAR, EVEN
 from massprop_cli.diagnosis import NO_CAUSE, UNKNOWN, hypotheses, normalised
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import Correction, applied, correction_of, is_certain, skew_corrections, uncertain_corrections
@@ -13,7 +14,6 @@ from massprop_cli.diagnosis.delay import timing_near
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypothesis import Hypothesis
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit, refined_on_whole_log
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.search import codes
@@ -32,8 +32,6 @@ LOGGED_AFTER = (
 )
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
 """Where to correct the columns of a plain log, and those of a recording."""
-EVEN = 6.0
-"""−2 log of the odds, 1 : 20, up to which two causes of the same code are named side by side."""
 
 UNIT = float(np.log(2.0))
 """Log of the least factor that may be a unit of torques or forces; a smaller one is a scale, which can be stated as uncertain."""

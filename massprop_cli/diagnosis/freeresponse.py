@@ -15,7 +15,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import ENOUGH, ITERATIONS
+from massprop_cli.base.levels import ENOUGH, ITERATIONS, STILL
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.inputs.telemetry import Log
 from massprop_cli.inputs.vehicle import Vehicle
@@ -30,8 +30,6 @@ NEAR, FLAT = 0.01, 1e3
 
 STEP = 1e-3
 """Relative step of the difference quotients of a fit. A finer one falls between the commands that a limit cuts off."""
-STILL = 0.1
-"""Decrease of −2 log likelihood below which a fit has converged."""
 
 
 class MeasuredMotion(NamedTuple):

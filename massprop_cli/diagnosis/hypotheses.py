@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, Array
+from massprop_cli.base.levels import UNUSUAL
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.design import INTEGRATED, RAMPS, SUPPLY
 from massprop_cli.diagnosis.hypothesis import STRAIGHT, Hypothesis
@@ -17,8 +18,6 @@ from massprop_cli.errorparameters.thrust import RPM
 from massprop_cli.prepare.actuators import NOWHERE, lines_of
 
 AXES = "xyz"
-TWO = 9.2
-"""−2 log of the prior odds, 1 : 100, of a second wrong unit."""
 DECIMATED = (2, 3, 4, 5, 10)
 """Records of which a recorder may keep one."""
 UNITS_M = (1e-3, 1e-2, 0.0254)
@@ -236,7 +235,7 @@ def other_units(record_s: float, increments: bool) -> list[OtherUnit]:
     listed_units = []
     for axes in (axes for count in (1, 2, 3) for axes in itertools.combinations(range(3), count)):
         of_axes = np.isin(np.arange(3), axes)
-        rare, of = TWO * (not of_axes.all()), "" if of_axes.all() else f" of {' and '.join(AXES[i] for i in axes)}"
+        rare, of = UNUSUAL * (not of_axes.all()), "" if of_axes.all() else f" of {' and '.join(AXES[i] for i in axes)}"
         listed_units.append(
             OtherUnit("gyro-units", f"{gyro}{of} are in degrees, not radians", np.where(of_axes, 1 / DEGREE, 1.0), every, rare)
         )
@@ -246,13 +245,13 @@ def other_units(record_s: float, increments: bool) -> list[OtherUnit]:
         OtherUnit("gyro-units", f"{gyro} are in degrees, not radians, and {accelerometer} in g", every / DEGREE, every / GRAVITY)
     )
     for words, factor in (("are in milli-g", 1e3 / GRAVITY), ("are in mm/s^2", 1e3)):
-        listed_units.append(OtherUnit("accel-units", f"{accelerometer} {words}", every, factor * every, TWO))
+        listed_units.append(OtherUnit("accel-units", f"{accelerometer} {words}", every, factor * every, UNUSUAL))
     for count in DECIMATED if increments else ():
         dropped = f"gyro and accelerometer columns hold one increment of every {count}: the others were dropped, not summed"
-        listed_units.append(OtherUnit("column-kind", dropped, every / count, every / count, TWO))
+        listed_units.append(OtherUnit("column-kind", dropped, every / count, every / count, UNUSUAL))
     return listed_units + [
         # a common factor of both sensors shows only in terms quadratic in the rates, like a bias
-        OtherUnit("column-kind", f"{which} {content}{more}", g * every, a * every, TWO * (bool(more) or g == a))
+        OtherUnit("column-kind", f"{which} {content}{more}", g * every, a * every, UNUSUAL * (bool(more) or g == a))
         for which, more, g, a in (
             ("gyro and accelerometer columns", "", kind, kind),
             ("gyro and accelerometer columns", ", the gyro's in degrees", kind / DEGREE, kind),

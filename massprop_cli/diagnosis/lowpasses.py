@@ -10,13 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from massprop_cli.base.levels import CHANCE
+from massprop_cli.base.levels import CHANCE, CLEAR
 from massprop_cli.diagnosis.corrections import ANEW
 from massprop_cli.diagnosis.delay import LONGEST, PRIOR, SENSORS, cycles_of, detect, differences
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.freeresponse import MeasuredMotion, costs_with, line_minimum, motion_of, sigma_at
 from massprop_cli.diagnosis.keyhypothesis import KeyHypothesis, KeyValues
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.errorparameters.table import BY_NAME, SIGMA_KEYS
 

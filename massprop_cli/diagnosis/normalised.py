@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING
+from massprop_cli.base.levels import CLEAR
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.hypotheses import along
 from massprop_cli.diagnosis.hypothesis import Hypothesis
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.table import PRIORS
 from massprop_cli.inputs.columns import WRENCH
 from massprop_cli.inputs.telemetry import Log

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import NORMAL_MEDIAN, Array, BoolArray, IntArray, frozen, last_before, median, runs
-from massprop_cli.base.levels import BLOCK, CERTAIN, EDGE, ENOUGH, MAIN_PART, RESOLUTION
+from massprop_cli.base.levels import BLOCK, CERTAIN, EDGE, ENOUGH, MAIN_PART, RESOLUTION, SLOW_ITERATIONS
 from massprop_cli.diagnosis.design import CYCLES_PER_COLUMN
 from massprop_cli.diagnosis.lackoffit import LAGS
 from massprop_cli.errorparameters.setup import stating
@@ -45,8 +45,6 @@ RUN = 2
 """Most successive outliers; more are motion."""
 LEAST = 3
 """Least cycles with known commands."""
-ROUNDS = 20
-"""Most rounds of removal."""
 LISTED = 8
 """Rows that a notice lists."""
 SENSORS = ("gyro", "accel")
@@ -300,7 +298,7 @@ def _removed(
     cleaned, total, outlying = measured.copy(), np.zeros_like(measured), np.zeros(measured.shape, dtype=bool)
     least_scale = max(1.2 * noise, RESOLUTION * float(np.sqrt((measured**2).mean())))
     trusted = usable.usable & (np.arange(len(measured)) >= first)
-    for _ in range(ROUNDS):
+    for _ in range(SLOW_ITERATIONS):
         # rows outside the regression have no residual to compare the first ones with
         sizes, distinct = size(residual_of(cleaned, trusted & ~outlying.any(1))[first:])
         sizes, distinct = np.pad(sizes, ((first, 0), (0, 0))), np.pad(distinct, ((first, 0), (0, 0)))

@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from massprop_cli.base.arrays import Array
+from massprop_cli.base.levels import CLEAR
 from massprop_cli.diagnosis.channelwise import FreeResponse
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted, fitted
 from massprop_cli.diagnosis.hypothesis import Hypothesis
 
-CLEAR = 14.0
-"""−2 log of the odds, 1 : 1000, by which a cause must beat its rivals to be named alone."""
 Score = Callable[[Array, Fitted, int], float]
 """−2 log posterior odds of a hypothesis, from its chi-square (6,), its fit and the number of alternatives of its kind."""
 

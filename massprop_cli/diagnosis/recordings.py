@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, frozen, median
+from massprop_cli.base.levels import CLEAR
 from massprop_cli.diagnosis import wheelfriction
 from massprop_cli.diagnosis.commandlimits import limits
 from massprop_cli.diagnosis.comparison import ROUGHLY, Fitted
@@ -20,7 +21,6 @@ from massprop_cli.diagnosis.hypothesis import Hypothesis
 from massprop_cli.diagnosis.inspection import MOSTLY
 from massprop_cli.diagnosis.keyhypothesis import KeyHypothesis, KeyValues
 from massprop_cli.diagnosis.lowpasses import other_low_passes
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import Refit, refitted
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.errorparameters.table import PRIORS

@@ -7,12 +7,11 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array, median
 from massprop_cli.base.dataclass import dataclass
-from massprop_cli.base.levels import CERTAIN, ITERATIONS, MAIN_PART
+from massprop_cli.base.levels import CERTAIN, CLEAR, ITERATIONS, MAIN_PART, SLOW_ITERATIONS
 from massprop_cli.diagnosis.coefficients import Model
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import applied, discrete_factors, is_discrete
 from massprop_cli.diagnosis.design import Case
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import FITS, Screening, busiest, relinearised, screened
 from massprop_cli.errorparameters.actuatornames import NEAR
 from massprop_cli.errorparameters.table import BY_NAME, ENTRIES, PRIORS
@@ -29,8 +28,6 @@ ASTRAY = 1e5
 """Misfit beyond which the intra-cycle motion of the fitted body is meaningless."""
 NO_WAY, STRAIGHT = 100.0, 2
 """Predicted misfit of the next step beyond which an iteration is abandoned, and the iterations before this test (docs/faults.md)."""
-AGAIN = 16
-"""Most iterations once the disturbance stays."""
 STILL, ROUGHLY = 0.01, 1.0
 """Change of −2 log likelihood that ends the iterations; and before the disturbance is estimated again."""
 BOLD = 3.0
@@ -313,7 +310,7 @@ def _iterated(
         return fit, case, corrected if likely or corrected.misfit > ASTRAY else relinearised(corrected)
     last: Array = np.zeros(fit.unknowns)
     too_far = False
-    tolerance, most = (ROUGHLY, ITERATIONS) if roughly else (STILL, AGAIN)
+    tolerance, most = (ROUGHLY, ITERATIONS) if roughly else (STILL, SLOW_ITERATIONS)
     for i in range(most):
         next_fit, promised = corrected.next_step(fit)
         fit = replace(fit, spread=_scaled_spread(fit, next_fit.spread) * np.sqrt(max(corrected.misfit, 1.0)))

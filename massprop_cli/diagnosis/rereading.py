@@ -19,15 +19,14 @@ import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import CERTAIN
+from massprop_cli.base.levels import CERTAIN, CLEAR, EVEN, FINALISTS
 from massprop_cli.base.rigidbody import cross
 from massprop_cli.diagnosis import segment
 from massprop_cli.diagnosis.bins import LONGEST
 from massprop_cli.diagnosis.corrections import Correction, GimbalColumns, RotorColumns
-from massprop_cli.diagnosis.explanation import EVEN, IN_MAP, IN_VEHICLE_FILE
+from massprop_cli.diagnosis.explanation import IN_MAP, IN_VEHICLE_FILE
 from massprop_cli.diagnosis.fault import Diagnosis, Fault
 from massprop_cli.diagnosis.hypotheses import other_units
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import CLOSE
 from massprop_cli.errorparameters.sensor import DEGREE
 from massprop_cli.errorparameters.thrust import RPM
@@ -45,8 +44,6 @@ from massprop_cli.prepare.actuators import channel_wrench
 from massprop_cli.prepare.align import Impulses, impulses
 from massprop_cli.prepare.timing import Timing
 
-FINALISTS = 3
-"""Number of readings that are fitted until they converge."""
 ORDERS, EVERY = 4, 7
 """Number of orders that are fitted; most rotors of which every order is compared, of more only two or three exchanged."""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError, UntoldError
-from massprop_cli.base.levels import CONTRADICTION, LONG
+from massprop_cli.base.levels import CONTRADICTION, FINALISTS, LONG
 from massprop_cli.diagnosis import delay, segment
 from massprop_cli.diagnosis.delay import FoundTiming, Rated
 from massprop_cli.diagnosis.samplededges import near_samples, steps_at_samples
@@ -51,8 +51,6 @@ PAIRS = (
 """Pairs with a stated correlation: the first in thrust, the others in imu.filter_correlation."""
 ROUGHLY = 0.5
 """Sigma of a coarse search without a fit: cycles of delay or lag, and relative for a cutoff."""
-NEXT = 4
-"""Number of delays that a message compares, plus one."""
 FIRST_HZ = 50.0
 """Initial cutoff of an estimate, Hz."""
 NARROWER = 0.5
@@ -209,7 +207,9 @@ def other_cutoffs(log: Log, vehicle: Resolved, pieces: Sequence[slice], found: F
 def _compared(log: Log, rated: Sequence[Rated]) -> str:
     """Text that compares the residual variance of the next best delays."""
     ratios = {one.at.delay: np.exp((one.cost - rated[0].cost) / (2 * 6 * log.cycles)) for one in reversed(rated)}
-    texts = [f"{cycles:g} leave {left:.3g} times as much" for cycles, left in sorted(ratios.items(), key=lambda one: one[1])[1:NEXT]]
+    texts = [
+        f"{cycles:g} leave {left:.3g} times as much" for cycles, left in sorted(ratios.items(), key=lambda one: one[1])[1 : FINALISTS + 1]
+    ]
     return f" (the least residual is at {rated[0].at.delay:g} cycles; {', '.join(texts)})" if texts else ""
 
 

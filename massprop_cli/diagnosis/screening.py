@@ -14,7 +14,7 @@ import numpy as np
 from massprop_cli.base.arrays import TINY, Array, median
 from massprop_cli.base.dataclass import dataclass
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import CERTAIN, CHANCE, CONTRADICTION, EDGE, GROSS
+from massprop_cli.base.levels import CERTAIN, CHANCE, CLEAR, CONTRADICTION, EDGE, GROSS, SHORT
 from massprop_cli.diagnosis import hypotheses, normalised, segment
 from massprop_cli.diagnosis.channelwise import FreeResponse, free_response, free_responses_by_torque
 from massprop_cli.diagnosis.coefficients import Model
@@ -22,7 +22,7 @@ from massprop_cli.diagnosis.comparison import ROUGHLY, STILL, Fitted, compared, 
 from massprop_cli.diagnosis.corrections import is_certain
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.hypothesis import Hypothesis
-from massprop_cli.diagnosis.ranking import CLEAR, Ranking
+from massprop_cli.diagnosis.ranking import Ranking
 from massprop_cli.diagnosis.verticals import verticals
 from massprop_cli.errorparameters.sensor import DEGREE, GRAVITY
 from massprop_cli.errorparameters.setup import LAG
@@ -35,8 +35,6 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.prepare.actuators import channel_names, pushing
 from massprop_cli.prepare.stream import Stream
 
-LONGEST = 1200
-"""Cycles of the segment that hypotheses are screened on."""
 FITS = 2.0
 """Misfit limit: this multiple of pure error, in addition to chance. The linear motion within a cycle leaves as much as the noise
 if a body turns 0.06 rad in a cycle."""
@@ -53,7 +51,7 @@ UNIT_SCALE = 2.0, 0.1
 """Sigmas from 1 and largest sigma of a scale that the log confirms to be 1."""
 
 
-def busiest(case: Case, piece: slice, longest: int = LONGEST) -> tuple[Case, slice]:
+def busiest(case: Case, piece: slice, longest: int = SHORT) -> tuple[Case, slice]:
     """The most commanded cycles of a piece, cut before a channel that fires only at the end.
 
     Under a longer delay such a channel would not act, and no hypothesis could be compared with the stated case.

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from massprop_cli.base.levels import CERTAIN
+from massprop_cli.base.levels import CERTAIN, CLEAR, STILL
 from massprop_cli.diagnosis.comparison import Fitted
 from massprop_cli.diagnosis.corrections import is_discrete
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.refit import AppliedHypothesis, Refit, apply_once, drift_is_unneeded, hopeless, refitted
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.errorparameters.table import LATE
@@ -19,8 +18,6 @@ LATER = 5.0
 IN_VAIN = 3.0
 """Multiple of the excess of a refit that does not fit, beyond which a screened hypothesis does not fit either; for codes of :data:`LATE`,
 :data:`LATER` times that. Hypotheses that fitted nevertheless had at most 1.1, and 8 for late ones (docs/faults.md)."""
-NO_FURTHER = 0.1
-"""Distance in prior sigmas, within which two fits of one hypothesis are the same."""
 
 
 def searched(
@@ -112,7 +109,7 @@ def equivalent(one: Fitted, other: Fitted, wherever: bool = False) -> bool:
         other.unknowns,
     ):
         return False
-    return wherever or float(np.abs(one.scaled - other.scaled).max(initial=0.0)) < NO_FURTHER
+    return wherever or float(np.abs(one.scaled - other.scaled).max(initial=0.0)) < STILL
 
 
 def codes(refit: Refit) -> set[str]:

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import LONG
+from massprop_cli.base.levels import LONG, SHORT, UNUSUAL
 from massprop_cli.diagnosis import delay
 from massprop_cli.diagnosis.freeresponse import line_minimum, log_costs, motion_of
 from massprop_cli.diagnosis.resolve import PHASE
@@ -34,8 +34,6 @@ from massprop_cli.prepare.timing import Timing
 CLEAR, LIKELY = 12.0, 4.0
 """−2 log likelihood ratio of a significant kernel: among some forty similar ones, one log in a hundred exceeds it by chance. And that for a
 sensor to differ from the other's clear low-pass, since both are mostly in one chip."""
-UNUSUAL = 10.0
-"""−2 log of the prior odds of means behind a low-pass against samples behind one."""
 CUTOFFS_HZ = (220.0, 150.0, 105.0, 75.0, 53.0, 38.0, 27.0, 19.0, 13.0, 9.5)
 BEGUN_HZ = CUTOFFS_HZ[1::3]
 """Cutoffs that are tested first, Hz."""
@@ -47,8 +45,6 @@ LATER, FINEST = (-2.0, -1.0, 0.0, 1.0, 2.0), 1 / 256
 """Latencies of one sensor that are searched, cycles; last step of the search."""
 NEAR = (-0.5, -0.25, 0.0, 0.25, 0.5)
 """Changes of the delay that are searched for kernels of another kind, cycles."""
-FEW = 1200
-"""Cycles that are used for the latency of one sensor."""
 
 
 class _Kernel(NamedTuple):
@@ -167,7 +163,7 @@ class _CommandRegression(NamedTuple):
         """Change of an open delay of least cost without low-passes, cycles; it compensates a missing low-pass."""
         if self.vehicle.cycle.command_delay_cycles != "auto":
             return 0.0
-        short = self._replace(log=_first_cycles(self.log, FEW))
+        short = self._replace(log=_first_cycles(self.log, SHORT))
         return line_minimum(lambda shift: sum(short.cost(sampled, {}, shift)), NEAR, NEAR[-1] / 2, FINEST)
 
     def later(self, sampled: bool) -> dict[tuple[_Kernel, _Kernel], float]:
@@ -176,7 +172,7 @@ class _CommandRegression(NamedTuple):
         One sensor alone has a penalty, since both costs are similar if one sensor gives little information. In free flight, commands later
         for one sensor are equivalent. On a bearing gravity turns between the two sensors, too.
         """
-        short, bare = self._replace(log=_first_cycles(self.log, FEW)), _Kernel(sampled)
+        short, bare = self._replace(log=_first_cycles(self.log, SHORT)), _Kernel(sampled)
         log = replace(short.log, sampled=(sampled, sampled))
         motion = motion_of(self.at.of(log, self.vehicle))
 

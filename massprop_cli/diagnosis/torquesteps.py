@@ -10,9 +10,8 @@ from functools import cache, partial
 import numpy as np
 
 from massprop_cli.base.errors import InputError
-from massprop_cli.base.levels import LONG
+from massprop_cli.base.levels import CLEAR, LONG
 from massprop_cli.diagnosis.freeresponse import NEAR, cost, known_impulses, line_minimum, motion_of, residuals
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.segment import bounded
 from massprop_cli.errorparameters.setup import Setup, stating
 from massprop_cli.inputs.notice import Notice

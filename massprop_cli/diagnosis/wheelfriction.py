@@ -9,10 +9,10 @@ import numpy as np
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.base.errors import InputError
+from massprop_cli.base.levels import CLEAR
 from massprop_cli.diagnosis.design import Case
 from massprop_cli.diagnosis.freeresponse import MeasuredMotion, bounded_fit, cost, one_sigma_further, summed_residuals
 from massprop_cli.diagnosis.keyhypothesis import KeyHypothesis, KeyValues
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.errorparameters.setup import stating
 from massprop_cli.inputs.actuators.wheel import WheelLog
 

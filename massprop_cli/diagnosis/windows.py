@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from massprop_cli.base.arrays import ROUNDING, TINY, Array, IntArray
-from massprop_cli.base.levels import DIFFERENCE
+from massprop_cli.base.levels import CLEAR, DIFFERENCE
 from massprop_cli.diagnosis.channelwise import HALF_WAVES, cosines
 from massprop_cli.diagnosis.design import INTEGRATED
-from massprop_cli.diagnosis.ranking import CLEAR
 from massprop_cli.diagnosis.screening import Screening
 from massprop_cli.diagnosis.segment import edges_of
 from massprop_cli.estimate.whitening import Disturbance, white_rows

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, triangle_of
-from massprop_cli.base.levels import CHANCE, ITERATIONS, KNOWN, UNINFORMED
+from massprop_cli.base.levels import CHANCE, ITERATIONS, KNOWN, STILL, UNINFORMED
 from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.estimate import quantities
 from massprop_cli.estimate.innovations import in_units, innovations_given, sequential_innovations
@@ -26,8 +26,6 @@ from massprop_cli.prepare.compensate import Source
 
 CHECKPOINT = 64
 """Cycles between the runs from which a later relinearisation may start."""
-STALE = 0.1
-"""Largest second-order error of the linearisation, in sigmas, before the reference is renewed."""
 ASTRAY = 0.4
 """... and of a causal estimate, before its block ends early."""
 INCONSISTENT = 60.0
@@ -39,8 +37,6 @@ EXACT = 1e-3
 """Relative sigma of a known mass that counts as exact."""
 RATIO = 1e-6
 """Relative sigma that a free oscillation may reach for ratios of inertia."""
-STILL = 0.1
-"""Size of a step, in sigmas, below which it is the last."""
 
 
 class Regression(Triangle):
@@ -179,7 +175,7 @@ class Regression(Triangle):
         by_theta = triangle[count : count + 10, count : count + 10]
         return np.asarray(scale * np.sqrt((np.linalg.inv(by_theta) ** 2).sum(1)))
 
-    def reference_is_close(self, run: Run, limit: float = STALE) -> bool:
+    def reference_is_close(self, run: Run, limit: float = STILL) -> bool:
         """Whether the neglected second order, relative change times change, is below ``limit`` sigmas."""
         reference = run.reference
         elapsed = self.samples.part(slice(run.at - 1, run.at)).executed.end_s[0] - self.begun_s
