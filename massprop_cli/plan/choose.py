@@ -39,7 +39,9 @@ class PlanGoal:
     vehicle: Vehicle
     """Vehicle whose thrust-scale sigma and known values the predicted covariance includes."""
     bound_ratio: Array = field(default_factory=lambda: np.ones(10))
-    """(10,) ratio of an estimate's sigma to its Cramér–Rao bound (:func:`massprop_cli.plan.rehearsal.bound_ratio`)."""
+    """(10,) ratio of an estimate's sigma to its Cramér–Rao bound (:func:`massprop_cli.plan.rehearsal.beyond_bound`), without ``floor``."""
+    floor: Array = field(default_factory=lambda: np.zeros(10))
+    """(10,) sigmas that remain after any duration, as what only a prior tells."""
 
     @property
     def limits(self) -> Array:
@@ -76,6 +78,7 @@ class PlanGoal:
         sizes = np.array([natural_sizes(body) for body in self.bodies])
         sizes = sizes * self.bound_ratio
         bound = np.linalg.inv(information + prior)[..., :10, :10] * (sizes[:, :, None] * sizes[:, None, :])
+        bound = bound + np.diag(self.floor**2)
         for g, body in enumerate(self.bodies):
             proportional = by_scale(body, self.vehicle)
             bound[..., g, :, :] += open_scale(self.vehicle) ** 2 * np.outer(proportional, proportional)

@@ -1,5 +1,6 @@
 """Contents of plan.json and scenario.toml, the output of ``massprop plan``. The models below are the schema."""
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -7,7 +8,7 @@ from pydantic import Field
 
 from massprop_cli import CG, QUANTITIES, UNITS, __version__
 from massprop_cli.base import configfile
-from massprop_cli.base.arrays import Array
+from massprop_cli.base.arrays import ROUNDING, Array
 from massprop_cli.conclude.judge import near_origin
 from massprop_cli.conclude.reason import Reason
 from massprop_cli.inputs.vehiclefile import VehicleSource
@@ -101,6 +102,7 @@ def document(
     """The content of plan.json."""
     period = rehearsal.vehicle.cycle.period_s
     goal, sums = simulated.goal, np.cumsum(simulated.information, 1)
+    bound = replace(goal, bound_ratio=np.ones(10), floor=np.zeros(10)).sigmas(sums[:, -1])[0]
     ratios, final = simulated.ratios(), goal.sigmas(sums[:, -1])
     all_motions = sum(one.information.mean(0) for one in simulated.candidates)
     limiting = goal.sigmas(np.tile(all_motions * FOREVER, (len(goal.bodies), 1, 1)))[0]
@@ -137,7 +139,7 @@ def document(
             for name, value in simulated.used.items()
         },
         **_course(simulated, sums, sizes, period),
-        beyond_bound={name: float(factor) for name, factor in zip(QUANTITIES, goal.bound_ratio, strict=True) if factor > 1},
+        beyond_bound={name: float(factor) for name, factor in zip(QUANTITIES, final[0] / bound, strict=True) if factor > 1 + ROUNDING},
         notes=[*notes, *([f"{', '.join(ambiguous)} {why}"] if ambiguous else [])],
     )
 

@@ -122,10 +122,10 @@ def _any_impulse(motions: MotionLibrary, task: PlanTask, say: Say) -> SimulatedP
 
 def _with_estimated_sigmas(model: Rehearsal, simulated: SimulatedPlan) -> SimulatedPlan:
     """The plan with its sigmas increased to those of an estimate of its simulated log."""
-    bound_only = replace(simulated.goal, bound_ratio=np.ones(10), vehicle=alone(model.vehicle))
-    bound = bound_only.sigmas(simulated.information.sum(1))[0]
-    ratio = rehearsal.bound_ratio(model, simulated.segments, simulated.cycles, bound)
-    increased = replace(simulated, goal=replace(simulated.goal, bound_ratio=ratio))
+    bound_only = replace(simulated.goal, vehicle=alone(model.vehicle))
+    bounds = np.array([bound_only.sigmas(simulated.information[:, :end].sum(1))[0] for end in (simulated.cycles // 2, simulated.cycles)])
+    ratio, floor = rehearsal.beyond_bound(model, simulated.segments, simulated.cycles, bounds)
+    increased = replace(simulated, goal=replace(simulated.goal, bound_ratio=ratio, floor=floor))
     return replace(increased, reached=bool(increased.ratios()[-1].max() <= 1))
 
 

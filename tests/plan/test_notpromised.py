@@ -56,3 +56,15 @@ def test_no_plan_promises_more_than_an_uncertain_thrust_leaves(tmp_path: Path) -
     options, stated = PlanRequest(precise("ixx 3 %"), max_time_s=5.0), (f"uncertain={configfile.written([stronger])}",)
     made = flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", options, lambda *_: None, stated).plan
     assert made.quantities["ixx"].sigma > 0.019 * 0.6  # a hundredth of that by the noise alone
+    assert made.quantities["ixx"].longer["4"] > 0.019 * 0.6  # no log tells it, however long
+
+
+@pytest.mark.thorough
+def test_what_a_longer_log_tells_better_is_said_so(tmp_path: Path) -> None:
+    (tmp_path / "vehicle.toml").write_text(output.vehicle_toml(scenario.load("free-flyer").scenario.vehicle))
+    (tmp_path / "guess.toml").write_text("[body]\nixx = 0.6\niyy = 2.7\nizz = 2.4\nmass = 22.0\n")
+    options = PlanRequest(precise("ixx 5 %"), max_time_s=5.0)
+    made = flow.make(tmp_path / "vehicle.toml", tmp_path / "guess.toml", options, lambda *_: None, ("thrust.pulse_sigma=0.05",)).plan
+    item = made.quantities["ixx"]
+    assert made.beyond_bound["ixx"] > 5
+    assert item.longer["4"] == pytest.approx(item.sigma / 2, rel=0.25)
