@@ -58,8 +58,8 @@ def first_fits(log: Log, source: VehicleSource, say: Progress) -> tuple[Ready, A
 
 
 def _fitted(begun: Ready) -> _First:
-    """Fit with the log read about the estimates of its ``uncertain`` values."""
-    first = _First(begun, as_stated(begun.samples, begun.phases, begun.stated, begun.consider))
+    """Fit with the log read about the estimates of its ``uncertain`` values; as stated where one leaves the stated sigma altogether."""
+    stated = first = _First(begun, as_stated(begun.samples, begun.phases, begun.stated, begun.consider))
     now = np.array([one.about for one in begun.consider.restated])
     if not now.size or now.any():
         return first
@@ -68,8 +68,10 @@ def _fitted(begun: Ready) -> _First:
     for _ in range(ITERATIONS):
         fit = first.plain.fits[longest]
         at = now if fit is None else np.where(movable, fit.values, 0.0)
-        if np.abs(at - now).max() < STILL or not np.abs(at).max() < CERTAIN:
+        if np.abs(at - now).max() < STILL:
             break
+        if not np.abs(at).max() < CERTAIN:
+            return stated
         try:
             about = about_values(begun, at.tolist())
         except InputError:

@@ -107,6 +107,8 @@ class Regression(Triangle):
         first, end, scale = count - self.geometry_unknowns, count + 10, self._prior_sigma(theta)
         restated = slice(first + len(self.consider.imu), first + len(self.consider.imu) + len(values))
         rows = self._posed(run, theta, scale, tied=tied)[first:end]
+        if not np.isfinite(rows).all():  # the search has diverged
+            return theta, np.full(len(values), np.nan)
         others = np.delete(np.arange(first, end), np.arange(restated.start, restated.stop) - first)
         right = rows[:, end] - rows[:, restated] @ [one.about for one in values]
         step = np.linalg.lstsq(rows[:, others], right)[0][-10:]

@@ -79,12 +79,12 @@ def test_a_long_run_variance_is_that_of_its_lags_under_bartletts_window_in_whate
 
 
 def test_stated_noise_of_the_accelerometer_is_believed_beside_a_torque_that_was_sized() -> None:
-    """Five sigma of chance in each channel's variance: the torque, which nobody stated, is too small; the accelerometer's noise stands."""
+    """Almost five sigma of chance in each channel's variance: the torque, which nobody stated, is too small; the accelerometer's noise stands."""
     used, flown = flight.vehicle(), flight.standard("free")
     history = sized(flown.samples(np.random.default_rng(1)), used).histories[0]
     white = np.random.default_rng(2).standard_normal(history.normalised.shape)
     count = len(white)
-    white *= np.sqrt((1 + 5 * np.sqrt(2 / count)) / (white**2).mean(0))
+    white *= np.sqrt((1 + 4.9 * np.sqrt(2 / count)) / (white**2).mean(0))
     odd = replace(history, normalised=white)
     torque = resolved(used.model_copy(update={"environment": used.environment.model_copy(update={"disturbance_walk_n_m": 0.001})}))
     assert np.isnan(disturbances.misfit([odd], resolved(used))).all()
