@@ -40,19 +40,6 @@ class _Column:
     """Number of 8-byte words per value; 1 for text, which stays in its dictionary."""
 
 
-@dataclass(frozen=True)
-class _Page:
-    """Header of a page."""
-
-    kind: int
-    unpacked: int
-    """Uncompressed size, bytes."""
-    packed: int
-    """Size after the header, bytes."""
-    values: int
-    encoding: int
-
-
 class ParquetColumns:
     """Columns of a file, decompressed on demand. ValueError and Arrow's exceptions mean a damaged file."""
 
@@ -123,21 +110,21 @@ def _check_pages(place: str, data: Content, columns: Sequence[_Column], groups: 
         if len(chunks) != len(columns):
             raise ValueError("its row groups have other columns than its schema")
         for column, chunk in zip(columns, chunks, strict=True):
-            for page in _pages(data, chunk):
+            for kind, size, values, encoding in _pages(data, chunk):
                 pages += 1
-                unpacked += page.unpacked
-                cells += page.values * column.width
+                unpacked += size
+                cells += values * column.width
                 limits.PAGES.check(place, pages)
                 limits.NUMBERS.check(place, max(cells, unpacked // 8))
-                if page.encoding == _BY_PREFIXES and page.kind != _DICTIONARY:
+                if encoding == _BY_PREFIXES and kind != _DICTIONARY:
                     raise InputError(
                         f"{place}, column {column.path}: text packed as DELTA_BYTE_ARRAY, whose size cannot be known before it is "
                         "unpacked; drop the column, or write it with a dictionary"
                     )
 
 
-def _pages(data: Content, chunk: _Fields) -> Iterator[_Page]:
-    """Pages of a column chunk, in Arrow's order."""
+def _pages(data: Content, chunk: _Fields) -> Iterator[tuple[int, int, int, int]]:
+    """Kind, uncompressed size (bytes), number of values and encoding of each page of a column chunk, in Arrow's order."""
     metadata = chunk.get(3)
     if not isinstance(metadata, dict):
         raise ValueError("a column does not say where it is")
@@ -148,20 +135,14 @@ def _pages(data: Content, chunk: _Fields) -> Iterator[_Page]:
     if end > len(data):
         raise ValueError("a column lies outside of the file")
     while remaining > 0 and at < end:
-        page, at = _page(data, at)
-        yield page
-        at += page.packed
-        remaining -= page.values if page.kind in (_DATA, _DATA_2) else 0
-
-
-def _page(data: Content, at: int) -> tuple[_Page, int]:
-    """Header of a page, and position of its content."""
-    fields, at = _struct(data, at)
-    kind = _count(fields, 1)
-    of_page = fields.get({_DATA: 5, _DICTIONARY: 7, _DATA_2: 8}.get(kind, 0))
-    of_kind: _Fields = of_page if isinstance(of_page, dict) else {}
-    encoding = _count(of_kind, 4 if kind == _DATA_2 else 2)
-    return _Page(kind, _count(fields, 2), _count(fields, 3), _count(of_kind, 1), encoding), at
+        fields, at = _struct(data, at)
+        kind = _count(fields, 1)
+        of_page = fields.get({_DATA: 5, _DICTIONARY: 7, _DATA_2: 8}.get(kind, 0))
+        of_kind: _Fields = of_page if isinstance(of_page, dict) else {}
+        values, packed = _count(of_kind, 1), _count(fields, 3)
+        yield kind, _count(fields, 2), values, _count(of_kind, 4 if kind == _DATA_2 else 2)
+        at += packed
+        remaining -= values if kind in (_DATA, _DATA_2) else 0
 
 
 def _count(fields: _Fields, number: int) -> int:
