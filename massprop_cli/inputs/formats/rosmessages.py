@@ -31,43 +31,35 @@ def undefined(count: int, kind: str) -> str:
     )
 
 
-class Topic:
-    """Messages of one topic."""
-
-    def __init__(self, name: str, kind: str) -> None:
-        self.name, self.kind = name, kind.replace("/msg/", "/")
-        self.time_ns: list[int] = []
-        self.rows: list[dict[str, float | int]] = []
-
-    def streams(self) -> Iterator[RecordedStream]:
-        """Streams of fields that every message has, with the header's clock if there is one."""
-        clock = f"{self.name}/{LOG_TIME}"
-        yield stream(clock, np.array(self.time_ns, np.int64), unit="ns")
-        if not self.rows:
-            return
-        shared = [path for path in self.rows[0] if all(path in row for row in self.rows)]
-        stamps = [path for path in shared if path == "header/stamp" and len({row[path] for row in self.rows}) == len(self.rows)]
-        own = f"{self.name}/{stamps[0]}" if stamps else clock
-        for path in shared:
-            values = np.array([row[path] for row in self.rows])
-            parts = path.removeprefix("wrench/").split("/")
-            unit = _UNITS.get(self.kind, {}).get(parts[0], "") if len(parts) == 2 else ""
-            unit = "ns" if path.endswith("stamp") else unit
-            yield stream(f"{self.name}/{path}", values, "" if f"{self.name}/{path}" == own else own, unit)
+Row = tuple[int, dict[str, float | int]]
+"""Receive time of a message, ns, and its numbers by path."""
 
 
 def collected(path: Path, messages: Iterable[tuple[str, str, int, Any]]) -> Iterator[RecordedStream]:
     """Streams of messages, given as (topic, type, time in ns, message)."""
-    topics: dict[str, Topic] = {}
+    topics: dict[str, tuple[str, list[Row]]] = {}
     cells = 0
     for name, kind, time_ns, message in messages:
-        topic = topics.setdefault(name, Topic(name, kind))
-        topic.time_ns.append(time_ns)
-        topic.rows.append(dict(_fields(message, "")))
-        cells += len(topic.rows[-1]) + 1
+        _, rows = topics.setdefault(name, (kind.replace("/msg/", "/"), []))
+        rows.append((time_ns, dict(_fields(message, ""))))
+        cells += len(rows[-1][1]) + 1
         limits.NUMBERS.check(str(path), cells)
-    for topic in topics.values():
-        yield from topic.streams()
+    for name, (kind, rows) in topics.items():
+        yield from _streams(name, kind, rows)
+
+
+def _streams(topic: str, kind: str, rows: Sequence[Row]) -> Iterator[RecordedStream]:
+    """Streams of fields that every message has, with the header's clock if there is one."""
+    clock = f"{topic}/{LOG_TIME}"
+    yield stream(clock, np.array([time_ns for time_ns, _ in rows], np.int64), unit="ns")
+    shared = [path for path in rows[0][1] if all(path in row for _, row in rows)]
+    if "header/stamp" in shared and len({row["header/stamp"] for _, row in rows}) == len(rows):
+        clock = f"{topic}/header/stamp"
+    for path in shared:
+        place, parts = f"{topic}/{path}", path.removeprefix("wrench/").split("/")
+        unit = _UNITS.get(kind, {}).get(parts[0], "") if len(parts) == 2 else ""
+        unit = "ns" if path.endswith("stamp") else unit
+        yield stream(place, np.array([row[path] for _, row in rows]), "" if place == clock else clock, unit)
 
 
 def _fields(message: Any, path: str) -> Iterator[tuple[str, float | int]]:
