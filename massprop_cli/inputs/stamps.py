@@ -213,12 +213,9 @@ def _even(source: LogTable, vehicle: Vehicle, time_s: Array, usual_s: float, los
     if np.abs(off).max() <= EXACT * usual_s:
         return time_s, ""
     slope = _slope(source, vehicle, off, usual_s, clock_steps)
-    if slope is None and np.abs(off).max() <= FAR * usual_s:
-        return time_s, ""  # the increments cannot decide, and the effect is negligible
-    scatter = float(np.std(off))
-    if slope is None and float(np.std(away)) > 1.5 * scatter:
-        return time_s, ""  # errors of stamps would cancel in the next interval, so the records have different lengths
-    if slope is not None and slope[0] > 0.5:
+    # if the increments cannot decide: the effect is negligible; or the records have different lengths, because errors of stamps would
+    # cancel in the next interval
+    if (np.abs(off).max() <= FAR * usual_s or np.std(away) > 1.5 * np.std(off)) if slope is None else slope[0] > 0.5:
         return time_s, ""
     steps, bursts = off + usual_s, float(np.mean(off < (TOGETHER - 1) * usual_s)) > MANY
     few = float(np.mean(np.abs(off) > FAR * usual_s)) < 0.1
@@ -336,13 +333,11 @@ def _wrench(source: LogTable, vehicle: Vehicle, part: slice) -> Array:
     """(n, up to 6) commanded wrench about O in rows with a command, 0 in others; only components that act."""
     found: Array
     if all(not source.has(name) for name in WRENCH):
-        each = [one for one in vehicle.jets if source.has(jet(one.name))]
+        each = [number for number, one in enumerate(vehicle.jets) if source.has(jet(one.name))]
         if not each:
             return np.zeros((part.stop - part.start, 0))
-        on_s = np.stack([source.optional(jet(one.name))[part] for one in each], 1)
-        force = np.array([one.force_n for one in each])
-        arm = np.array([one.position_m for one in each])
-        found = np.nan_to_num(on_s) @ np.hstack([np.cross(arm, force), force])
+        on_s = np.stack([source.optional(jet(vehicle.jets[number].name))[part] for number in each], 1)
+        found = np.nan_to_num(on_s) @ vehicle.jet_wrench[each]
     else:
         found = np.nan_to_num(np.stack([source.optional(name)[part] for name in WRENCH if source.has(name)], 1))
     return found[:, np.abs(found).max(0) > 0]
