@@ -184,14 +184,11 @@ def _issued(commands: Sequence[StreamCommand], cycles_s: Array) -> tuple[Array, 
 
     A cycle may also have several rows of equal values.
     """
-    recorded: list[QuantitySignal] = []
-    for command in commands:
-        if not command.signal.paths:
-            continue
-        if command.kind == "share" or command.holds != "until_next":
-            return None
-        recorded.append(command.signal)
-    if not recorded or any(not np.array_equal(one.times.s, recorded[0].times.s) for one in recorded):
+    driving = [command for command in commands if command.signal.paths]
+    recorded = [command.signal for command in driving]
+    if not driving or any(command.kind == "share" or command.holds != "until_next" for command in driving):
+        return None
+    if any(not np.array_equal(one.times.s, recorded[0].times.s) for one in recorded):
         return None
     stamps, step_s, cycle_s = recorded[0].times.s, recorded[0].times.step_s, median(np.diff(cycles_s))
     if step_s < (1 - SAME_INTERVAL) * cycle_s:
