@@ -61,8 +61,7 @@ def with_unstated(log: Log) -> Log:
             key = "imu.gyro_range_rad_s" if sensor == "gyro" else "imu.accel_range_m_s2"
             message = (
                 f"{len(rows)} record(s), rows (from 0) {listed}, repeat the {sensor}'s extreme of {limit:.6g} {unit}: it saturates, and "
-                "the "
-                f"log lacks the motion beyond it. State {key}, or use a wider range"
+                f"the log lacks the motion beyond it. State {key}, or use a wider range"
             )
             found.append(Notice(code, message))
     return replace(log, notices=tuple(found)) if len(found) > len(log.notices) else log
@@ -96,7 +95,7 @@ def _commanded(log: Log) -> BoolArray:
 
 
 def _runs(rows: BoolArray) -> list[tuple[int, int]]:
-    """Start and end of runs of at least ``STANDS`` records."""
+    """Start and end of runs of at least ``MIN_RUN`` records."""
     return [(start, stop) for start, stop in runs(rows).tolist() if stop - start >= MIN_RUN]
 
 

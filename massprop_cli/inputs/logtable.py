@@ -50,7 +50,7 @@ class LogTable:
     """Table with columns by standard name, under the log's own names and scales."""
 
     def __init__(self, table: Table, columns: Mapping[str, Column], lost: BoolArray | None = None) -> None:
-        self.table, self.columns = table, columns
+        self.table, self.columns, self.place = table, columns, table.place
         self.issued: IntArray | None = None
         """(M,) rows of commands with time stamps of their own (:data:`massprop_cli.inputs.columns.COMMAND_TIME`)."""
         self.lost = lost
@@ -76,10 +76,6 @@ class LogTable:
     def has(self, column: str) -> bool:
         """Whether the log has the column."""
         return self.name(column) in self.table.columns
-
-    def place(self, row: int) -> str:
-        """Text that locates a row for the user."""
-        return self.table.place(row)
 
     def error(self, row: int, column: str, problem: str) -> InputError:
         """Error about a cell."""
