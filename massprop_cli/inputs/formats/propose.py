@@ -52,6 +52,7 @@ _TABLES = {
 """Comment on each actuator table of a map: purpose, text after its name, and units."""
 _HEADINGS = re.compile(r"(?:.*_)?(?:heading|yaw|psi|azimuth)(?:_?(?:angle|rad|deg))?", re.IGNORECASE)
 """Names of an angle about the vertical."""
+_INCREMENTS, _RATES = (*columns.DELTA_THETA, *columns.DELTA_V), (*columns.GYRO, *columns.ACCEL)
 _ASK_INCREMENTS = '"increment", by its unit, if each covers all the time since the one before and none was left out when they were logged'
 _ASK_VALUES = '"sample": the rate at its time; "mean": since the one before; "increment": the change since the one before'
 
@@ -156,29 +157,18 @@ def _remark(clocks: listing.Clocks, vector: Vector) -> str:
 
 
 def _sensor(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> list[str]:
-    lines = []
-    known = (*columns.DELTA_THETA, *columns.DELTA_V, *columns.GYRO, *columns.ACCEL)
-    contract = [name for name in known if listing.leaf(vector.paths[0]) == name]
-    increments = units.factor(vector.unit, quantity.increments) is not None
-    if contract:
-        increments = contract[0].startswith("delta")
-        unit = next(iter(quantity.increments if increments else quantity.rates))
-        lines.append(f'unit = "{unit}"   # by its name')
-    else:
-        lines += _unit(quantity, vector)
-    named = next((reason for name, reason in _VALUES.items() if name in vector.stem), None)
-    whole = _covering(clocks, quantity, vector)
-    if contract:
-        lines.append(f'values = "{"increment" if increments else "mean"}"   # by its name')
-    elif increments and whole is not None:
-        lines.append(f'values = "increment"   # by its unit; {whole[0].path!r} says that each covers the time since the one before')
-    elif increments:
-        lines.append(f'values = "?"   # {_ASK_INCREMENTS}')
-    elif named:
-        lines.append(f'values = "{named[0]}"   # {named[1]}')
-    else:
-        lines.append(f'values = "?"   # {_ASK_VALUES}')
-    return lines
+    """Lines for unit and meaning of a sensor's values."""
+    name = listing.leaf(vector.paths[0])
+    for names, known, meaning in ((_INCREMENTS, quantity.increments, "increment"), (_RATES, quantity.rates, "mean")):
+        if name in names:
+            return [f'unit = "{next(iter(known))}"   # by its name', f'values = "{meaning}"   # by its name']
+    meaning, why = next((known for name, known in _VALUES.items() if name in vector.stem), ("?", _ASK_VALUES))
+    if units.factor(vector.unit, quantity.increments) is not None:
+        whole = _covering(clocks, quantity, vector)
+        meaning, why = "?", _ASK_INCREMENTS
+        if whole is not None:
+            meaning, why = "increment", f"by its unit; {whole[0].path!r} says that each covers the time since the one before"
+    return [*_unit(quantity, vector), f'values = "{meaning}"   # {why}']
 
 
 def _unit(quantity: VectorName, vector: Vector) -> list[str]:
