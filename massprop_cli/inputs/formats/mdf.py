@@ -25,16 +25,12 @@ def _streams(file: Any) -> Iterator[RecordedStream]:
     names = Counter(channel.name for group in file.groups for channel in group.channels)
     for at, group in enumerate(file.groups):
         rows, master = group.channel_group.cycles_nr, file.masters_db.get(at)
-
-        def spelt(number: int, at: int = at, group: Any = group) -> str:
-            name = str(group.channels[number].name)
-            return name if names[name] == 1 else f"{at}/{name}"
-
-        clock = "" if master is None else spelt(master)
+        paths = [name if names[name] == 1 else f"{at}/{name}" for name in (str(channel.name) for channel in group.channels)]
+        clock = "" if master is None else paths[master]
         for number, channel in enumerate(group.channels):
             unit = "s" if number == master else str(getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or "")
             load: Callable[[], Numbers] = partial(file.get_master, at) if number == master else partial(_values, file, at, number)
-            yield RecordedStream(spelt(number), rows, load, "" if number == master else clock, unit)
+            yield RecordedStream(paths[number], rows, load, "" if number == master else clock, unit)
 
 
 def _values(file: Any, group: int, number: int) -> Numbers:
