@@ -95,6 +95,9 @@ class LowPass(Section):
         return "auto" in (self.cutoff_hz, self.latency_s)
 
 
+_NOISE = "white noise, one sigma; absent: estimated from the log; 0: replaced by a noise floor"
+
+
 class Imu(Section):
     """Position, mounting and errors of the IMU. Noise is one sigma of the mean over a cycle, or over a group (docs/log.md, two clocks)."""
 
@@ -115,12 +118,8 @@ class Imu(Section):
     position_sigma_m: NonNegative = Field(0.0, le=1.0, description="one sigma of position_m along each axis")
     body_from_imu: tuple[Vector, Vector, Vector] = Field(IDENTITY, description="rotation matrix from IMU to body axes, by rows")
     mounting_sigma_rad: NonNegative = Field(0.0, le=0.3, description="one sigma of body_from_imu about each axis")
-    gyro_noise_rad_s: NonNegative | None = Field(
-        None, description="white noise, one sigma; absent: estimated from the log; 0: replaced by a noise floor"
-    )
-    accel_noise_m_s2: NonNegative | None = Field(
-        None, description="white noise, one sigma; absent: estimated from the log; 0: replaced by a noise floor"
-    )
+    gyro_noise_rad_s: NonNegative | None = Field(None, description=_NOISE)
+    accel_noise_m_s2: NonNegative | None = Field(None, description=_NOISE)
     attitude_sigma_rad: Positive | None = Field(
         None,
         description="white noise of each logged attitude about each axis, one sigma, on an air bearing; absent: estimated from the log",

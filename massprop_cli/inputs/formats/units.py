@@ -7,15 +7,14 @@ from collections.abc import Mapping
 DEG, G = math.pi / 180, 9.80665
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE = {"rad": 1.0, "deg": DEG, "mrad": 1e-3}
-RATE = {"rad/s": 1.0, "deg/s": DEG, "mrad/s": 1e-3, "mdeg/s": 1e-3 * DEG}
+SPIN = {"rad/s": 1.0, "deg/s": DEG, "mrad/s": 1e-3, "mdeg/s": 1e-3 * DEG, "rpm": math.pi / 30}
+"""Rates, and speeds of rotors and wheels."""
 SPEED = {"m/s": 1.0, "mm/s": 1e-3}
 ACCELERATION = {"m/s^2": 1.0, "g": G, "mg": 1e-3 * G, "mm/s^2": 1e-3}
 TORQUE = {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6}
 FORCE = {"N": 1.0, "mN": 1e-3, "uN": 1e-6}
 SHARE = {"open": 1.0, "%": 0.01}
 """Opening of a valve: 0 to 1, or per cent."""
-SPIN = {**RATE, "rpm": math.pi / 30}
-"""Speed of a rotor or wheel."""
 PLAIN = {"1": 1.0, "%": 0.01}
 """Command of a rotor."""
 VOLTAGE = {"V": 1.0, "mV": 1e-3}
