@@ -158,7 +158,7 @@ def _read_csv(path: Path, data: Content) -> Table:
         # if all cells are numbers, they need less memory than their texts
         place, columns = by_line(lines), _numbers(data, names, cut, len(lines))
         return Table(path, "", {name: Cells(path, name, partial(columns.get, name), place) for name in names}, len(lines), place)
-    except (pa.ArrowException, _RowCountError):
+    except pa.ArrowException:
         table = csvdialect.with_points(path, _texts(path, data, names, cut), cut, by_line(lines))
     if table.num_rows != len(lines):
         lines = range(2, table.num_rows + 2)  # a quoted cell spans several lines
@@ -212,23 +212,19 @@ def _any_lines(path: Path, data: Content) -> tuple[str, Sequence[int]]:
     return header, range(2, text.count("\n", end) + (not text.endswith("\n")) + 1)
 
 
-class _RowCountError(Exception):
-    """The number of rows differs from the number of lines."""
-
-
 def _numbers(data: Content, names: Sequence[str], cut: str, rows: int) -> dict[str, Any]:
-    """Columns of a CSV file with only numbers, NaN for null. Raises Arrow's exception for other cells."""
+    """Columns of a CSV file with only numbers, NaN for null. Raises Arrow's exception for other cells, or another number of rows."""
     found, first = [spill.empty(rows) for _ in names], 0
     with pacsv.open_csv(pa.BufferReader(pa.py_buffer(data)), *_options(names, cut, pa.float64())) as batches:
         for batch in batches:
             if first + len(batch) > rows:
-                raise _RowCountError
+                raise pa.ArrowInvalid("more rows than lines")
             for values, column in zip(found, batch.columns, strict=True):
                 values[first : first + len(batch)] = arrow.floats(column)
             first += len(batch)
             spill.give_back()
     if first < rows:
-        raise _RowCountError
+        raise pa.ArrowInvalid("fewer rows than lines")
     return {name: arrow.held(values) for name, values in zip(names, found, strict=True)}
 
 
