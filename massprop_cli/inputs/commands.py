@@ -22,17 +22,13 @@ ROUNDED = 1e-6
 SHORTEST_PART, SHORTEST_S = 0.015, 2e-3
 """Longest on-time of a log below which its unit is probably wrong: as a fraction of the control cycle, and s."""
 MIN_FULL, MAX_RECORDS = 5, 4
-"""Minimum number of on-times of exactly one record, and maximum number of records per cycle, for which the commands are probably per
-record."""
+"""Minimum number of on-times of exactly one record, and maximum number of records per cycle, at which commands are probably per record."""
 MOSTLY_IDLE = 0.5
 """Fraction of all on-times equal to the smallest, above which a smallest on-time other than 0 is an offset."""
 
 
 def commands(source: LogTable, vehicle: Vehicle, records: int, n: int, pulsed: Pulses | None = None) -> tuple[CommandKind, Array]:
-    """Kind of commands and (K, C) their values; C is 0 without commands.
-
-    On-times of jets, s (``pulsed`` for a log of pulses), wrench about O, or rotor commands.
-    """
+    """Kind and values (K, C) of commands: on-times, s (``pulsed`` for a log of pulses), wrench about O, or rotor commands; C may be 0."""
     if pulsed is not None:
         return "jets", pulsed.on_s
     path, logged = source.table.path, source.logged

@@ -34,10 +34,7 @@ def table() -> dict[str, dict[str, Any]]:
 
 
 def resolved(sensor: str, stated: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys of the low-pass of ``sensor`` (``gyro``, ``accel``): those of its ``preset``, overridden by the ``stated`` ones.
-
-    Raises ValueError for an unknown preset.
-    """
+    """Keys of the low-pass of ``sensor``: of its ``preset``, overridden by ``stated`` ones. Raises ValueError for an unknown preset."""
     name = stated["preset"]
     known = [preset for preset, sensors in table().items() if sensor in sensors]
     if name not in known:

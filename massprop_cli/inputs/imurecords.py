@@ -63,10 +63,7 @@ def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array) -
 def _axes(
     source: LogTable, vehicle: Vehicle, names: Sequence[str], increments: tuple[Array, Array]
 ) -> tuple[tuple[bool, ...], tuple[str, ...]]:
-    """Logged IMU axes, and columns on a table without a reading other than 0.
-
-    Raises :class:`InputError` for a missing rate that is needed.
-    """
+    """Logged IMU axes, and columns on a table that are 0 throughout. Raises :class:`InputError` for a missing rate that is needed."""
     planar = vehicle.environment.kind == "planar"
     yaw = np.array(vehicle.imu.body_from_imu)[2]
     may_be_empty = [*(planar and abs(part) < YAW for part in yaw), True, True, True]

@@ -1,8 +1,7 @@
 """Uncompressed size of a Parquet file from its headers (github.com/apache/parquet-format, parquet.thrift).
 
 Arrow trusts the headers and allocates what they state, and some crash its reader. massprop therefore counts first: cells from the footer,
-values and bytes from each page header, because the footer may differ. Headers use Thrift's compact protocol (github.com/apache/thrift,
-thrift-compact-protocol.md).
+values and bytes from each page header, which may differ. Headers use github.com/apache/thrift, thrift-compact-protocol.md.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

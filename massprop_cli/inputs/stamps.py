@@ -91,10 +91,7 @@ class _RateGrowth(NamedTuple):
 
 
 def examined(source: LogTable, vehicle: Vehicle, time_s: Array) -> Stamps:
-    """Times of the records, corrected if the stamps (n,), s, are uneven and the records are not.
-
-    Raises :class:`InputError` for an invalid time.
-    """
+    """Times of the records, corrected if only the stamps (n,), s, are uneven. Raises :class:`InputError` for an invalid time."""
     far, why = outlying(time_s)
     source.refuse(far, TIME, lambda row: f"{time_s[row]:.9g} s {why}")
     stated = vehicle.imu.clock_even

@@ -32,10 +32,7 @@ class SupplyLevel(NamedTuple):
 
 
 def read(source: LogTable, vehicle: Vehicle, time_s: Array, interval_s: Array, records: int) -> SupplyLevel | None:
-    """Supply level per cycle of ``records`` records; None if the vehicle file states neither nominal pressure nor voltage.
-
-    Raises :class:`InputError` for a missing column or an implausible pressure.
-    """
+    """Supply level per cycle; None without a nominal one in the vehicle file. Raises :class:`InputError` if missing or implausible."""
     if any(rotor.nominal_v for rotor in vehicle.rotors):
         return _level(time_s, interval_s, source.required(SUPPLY)[: len(time_s)], records)
     nominal_pa = vehicle.thrust.nominal_pa

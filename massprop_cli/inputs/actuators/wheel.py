@@ -245,13 +245,11 @@ class Wheel(actuator.MomentumDevice):
         return step * values, self.speed_sigma_rad_s**2 + step**2 * variance, length
 
     def scatter(self, history: actuator.MomentumLog, weight: Array) -> float:
-        """Sigma of the momentum from tachometer noise and quantisation, N m s.
-
-        A quantisation error is constant while a count lasts, so its variance counts once per record of the count.
-        """
+        """Sigma of the momentum from tachometer noise and quantisation, N m s."""
         if not isinstance(history, WheelLog) or history.speed_rad_s is None or self.speed_error_in_noise:
             return 0.0
         _, variance, length = self.dequantised_speed(history.speed_rad_s)
+        # a quantisation error is constant while a count lasts, so its variance counts once per record of the count
         noise = self.speed_sigma_rad_s**2
         each = noise + length * (variance - noise)
         return self.spin_inertia_kg_m2 * float(np.sqrt(np.average(each, weights=weight if weight.any() else None)))

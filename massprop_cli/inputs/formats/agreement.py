@@ -22,8 +22,7 @@ because a sum of increments is then not a rotation."""
 _CONTRADICTS, _AGREES = 0.5, 0.2
 """Relative difference of gyro and attitude above which they contradict each other, and below which a correction makes them agree."""
 _SCALE_ERROR, _SIGMAS, _LONGER = 0.03, 5.0, 4
-"""Largest error of the gyro's scale: relative, and in its sigmas. Length ratio of the segments used: smoothing and latency of an attitude
-distort fast rotations."""
+"""Largest error of the gyro's scale: relative, and in sigmas. Length ratio of its segments: latency of attitude distorts fast rotations."""
 
 
 def check(path: Path, made: MapConversion, vehicle: Vehicle, theta_imu: Array, force_imu: Array, attitude: Array | None) -> None:

@@ -11,8 +11,7 @@ from massprop_cli.inputs.formats import units
 from massprop_cli.inputs.formats.recording import RecordedStream
 
 NEAR, MOSTLY, SHORT = 0.4, 0.9, 0.5
-"""Largest deviation of an even interval from the median, as a fraction; minimum fraction of even intervals; largest deviation of a usual
-interval."""
+"""Largest relative deviation of an even interval from the median; minimum fraction of these; largest deviation of a usual interval."""
 GAP = 2.5
 """Interval over the median interval above which it is a gap, as in a log; not longer than a record, whose motion would be invented."""
 MAX_WANDER = 0.75
@@ -55,10 +54,7 @@ class Times:
 
     @property
     def step_s(self) -> float:
-        """Usual interval, s: mean without gaps, because the median of rounded times is biased.
-
-        With nearly equal intervals, a lost row is a gap.
-        """
+        """Usual interval, s: mean without gaps (a lost row, if intervals are even), because the median of rounded times is biased."""
         steps = np.diff(self.s)
         usual = median(steps)
         off = np.abs(steps / usual - 1)

@@ -22,10 +22,7 @@ _SHOWN = 5
 
 
 def of(read: Recording, source: MapSource | None) -> Table:
-    """Table of a log from a recording, by its map or by standard names of streams.
-
-    Raises :class:`InputError` with file, path and remedy.
-    """
+    """Table of a log from a recording, by its map or standard names of streams. Raises :class:`InputError` with file, path and remedy."""
     if source is None:
         return replace(tablefile.at_hand(read.path, _by_contract(read)), sha256=read.sha256, embedded_vehicle=read.vehicle)
     signals = Signals(read, source)

@@ -1,7 +1,4 @@
-"""Interface of formats: a module with ``read(path, data) -> Read``, and a line in :data:`KINDS`.
-
-Exceptions of ``read`` mean a damaged file.
-"""
+"""Interface of formats: a module with ``read(path, data) -> Read``, whose exceptions mean a damaged file, and a line in :data:`KINDS`."""
 
 import re
 import warnings

@@ -105,10 +105,7 @@ def z_up(quaternions: Array, world: Literal["z_up", "z_down"]) -> Array:
 
 
 def quaternions(entry: Attitude, recorded: Array, refused: Callable[[int, float], InputError]) -> Array:
-    """(n, 4) unit quaternions wxyz, world from body, from recorded quaternions (n, 4) or headings (n, 1), rad.
-
-    ``refused`` makes the error for a row with a wrong norm.
-    """
+    """(n, 4) unit quaternions wxyz, world from body, from quaternions (n, 4) or headings (n, 1), rad; ``refused`` makes a norm's error."""
     if entry.order == "heading":
         half, none = recorded[:, 0] / 2, np.zeros(len(recorded))
         recorded = np.stack([np.cos(half), none, none, np.sin(half)], 1)

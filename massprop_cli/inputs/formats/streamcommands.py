@@ -16,8 +16,7 @@ SAME_INTERVAL = 0.2
 SAME_TIME = 1e-3
 """Tolerance of equal times, as a fraction of a gyro sample; clocks are rounded."""
 MAX_SCATTER = 0.15
-"""Largest scatter of command time stamps, as a fraction of a cycle, that is attributed to the time stamps, because controllers act in step.
-"""
+"""Largest scatter of commands, as a fraction of a cycle, that is attributed to their time stamps, because controllers act in step."""
 MIN_OPENING = 0.1
 """Smallest maximum opening of a valve in a recording."""
 _CHANGES, _TOGETHER = 8, 0.7
