@@ -3,7 +3,7 @@
 import io
 import tempfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 
 from massprop_cli.base import limits
-from massprop_cli.inputs.formats import matlabobjects
 from massprop_cli.inputs.formats.recording import Numbers, Read, RecordedStream, stream, whole
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -22,6 +21,14 @@ _HEADER, _TAG = 128, 8
 _COMPRESSED = 15
 """Type of a zlib-compressed element."""
 _DEEPEST = 16
+_REMEDY = "save its numbers in MATLAB as a struct, of a timeseries ts as s = struct('time', ts.Time, 'data', ts.Data); save('log.mat', 's')"
+_TIME_UNITS = {
+    "nanoseconds": ("ns", 1), "microseconds": ("us", 1), "milliseconds": ("ms", 1), "seconds": ("s", 1),
+    "minutes": ("s", 60), "hours": ("s", 3600), "days": ("s", 86400), "weeks": ("s", 604800),
+}  # fmt: skip
+"""massprop's unit for each of MATLAB's time units, and the factor to it."""
+_MOST = 64
+"""Maximum number of components per sample; more are images, not signals."""
 
 
 def read(path: Path, data: bytes) -> Read:
@@ -77,7 +84,7 @@ class _Variables:
         elif isinstance(value, dict):
             for name, part in value.items():
                 yield from self.streams(f"{path}.{name}", part, depth + 1)
-        elif matlabobjects.is_object(value):
+        elif _is_object(value):
             yield from self._object(path, value, depth)
         elif isinstance(value, np.ndarray) and value.dtype.names:
             for number, element in enumerate(value.ravel(order="F"), 1):
@@ -93,11 +100,11 @@ class _Variables:
 
     def _object(self, path: str, value: Any, depth: int) -> Iterator[RecordedStream]:
         """Streams of a timeseries, or of the properties of another object; each object once."""
-        if matlabobjects.is_timeseries(value):
+        if _is_timeseries(value):
             try:
-                yield from matlabobjects.timeseries(path, value)
-            except matlabobjects.UnreadableError as error:
-                self.unread[path] = f"is a MATLAB timeseries {error}; {matlabobjects.REMEDY}"
+                yield from _timeseries(path, value)
+            except _UnreadableError as error:
+                self.unread[path] = f"is a MATLAB timeseries {error}; {_REMEDY}"
             return
         if id(value) in self._entered:
             return
@@ -105,7 +112,7 @@ class _Variables:
         held = [one for name, part in value.properties.items() for one in self.streams(f"{path}.{name}", part, depth + 1)]
         yield from held
         if not held and not any(name.startswith(f"{path}.") for name in self.unread):
-            self.unread[path] = f"is a MATLAB object of class {value.classname}, which only MATLAB reads; {matlabobjects.REMEDY}"
+            self.unread[path] = f"is a MATLAB object of class {value.classname}, which only MATLAB reads; {_REMEDY}"
 
 
 def _columns(path: str, value: Numbers) -> Iterator[RecordedStream]:
@@ -142,3 +149,84 @@ def _units(table: pd.DataFrame) -> dict[str, str]:
         [] if stated is None else [str(np.ravel(unit)[0]) if np.size(unit) else "" for unit in np.ravel(np.asarray(stated, dtype=object))]
     )
     return dict(zip(map(str, table.columns), listed, strict=False))
+
+
+class _UnreadableError(Exception):
+    """Object without readable numbers, with the reason."""
+
+
+def _is_object(value: Any) -> bool:
+    """Whether a value is a class object that mat-io does not convert."""
+    return hasattr(value, "classname") and isinstance(getattr(value, "properties", None), dict)
+
+
+def _is_timeseries(value: Any) -> bool:
+    """Whether it is a ``timeseries``, by its class or its properties."""
+    held = value.properties
+    return value.classname == "timeseries" or ("TimeInfo" in held and ("Data_" in held or "Data" in held))
+
+
+def _timeseries(path: str, value: Any) -> Iterator[RecordedStream]:
+    """Streams ``ts.Time`` and ``ts.Data``, one per component. Raises :class:`_UnreadableError` if one has no numbers."""
+    held = value.properties
+    data = _numbers(held, "Data_", "Data")
+    if data is None:
+        raise _UnreadableError("without numbers")
+    info = _properties(held.get("TimeInfo"))
+    times, unit = _times(held, info, data)
+    parts = list(_components(data, len(times), bool(np.any(held.get("IsTimeFirst_", True)))))
+    clock = f"{path}.Time"
+    yield stream(clock, times, unit=unit)
+    own = _text(_properties(held.get("DataInfo")).get("Units"))
+    yield from (stream(f"{path}.Data{at}", whole(values), clock, own) for at, values in parts)
+
+
+def _times(held: Mapping[str, Any], info: Mapping[str, Any], data: Numbers) -> tuple[Numbers, str]:
+    """Times and their unit; evenly spaced times are stored as start and increment."""
+    name = _text(info.get("Units")) or "seconds"
+    if name not in _TIME_UNITS:
+        raise _UnreadableError(f"with times in {name}")
+    unit, factor = _TIME_UNITS[name]
+    own = _numbers(held, "Time_", "Time")
+    times = _numbers(info, "Time_", "Time") if own is None else own
+    if times is None:
+        start, step, length = (_numbers(info, name, name.rstrip("_")) for name in ("Start_", "Increment_", "Length"))
+        if step is None or length is None or not 0 < float(length.ravel()[0]) <= data.size:
+            raise _UnreadableError("without times")
+        begun = 0.0 if start is None else float(start.ravel()[0])
+        times = begun + float(step.ravel()[0]) * np.arange(int(length.ravel()[0]))
+    return times.ravel() if factor == 1 else times.ravel().astype(float) * factor, unit
+
+
+def _components(data: Numbers, count: int, time_first: bool) -> Iterator[tuple[str, Numbers]]:
+    """MATLAB index and values of each component of the samples: ``(1,1,:)`` for size 3 x 1 x n."""
+    if data.size == count:
+        yield "", data.ravel()
+        return
+    first, last = data.shape[0] == count, data.shape[-1] == count
+    if not (first or last) or data.size > _MOST * count:
+        raise _UnreadableError(f"of {count} times and {' x '.join(map(str, data.shape))} numbers")
+    axis = 0 if first and (time_first or not last) else data.ndim - 1
+    samples = np.moveaxis(data, axis, 0)
+    for component in sorted(np.ndindex(samples.shape[1:]), key=lambda at: at[::-1]):
+        index = [str(number + 1) for number in component]
+        index.insert(axis, ":")
+        yield f"({','.join(index)})", samples[(slice(None), *component)]
+
+
+def _numbers(held: Mapping[str, Any], *names: str) -> Numbers | None:
+    """Values of the first of these properties that has numbers."""
+    values = (held.get(name) for name in names)
+    return next((one for one in values if isinstance(one, np.ndarray) and one.dtype.kind in "iufb" and one.size), None)
+
+
+def _properties(value: Any) -> Mapping[str, Any]:
+    """Properties of an object within an object."""
+    value = value.item() if isinstance(value, np.ndarray) and value.dtype == object and value.size == 1 else value
+    return value.properties if _is_object(value) else {}
+
+
+def _text(value: Any) -> str:
+    """MATLAB text; empty for other values."""
+    value = value.ravel()[0] if isinstance(value, np.ndarray) and value.size == 1 else value
+    return str(value) if isinstance(value, str) else ""
