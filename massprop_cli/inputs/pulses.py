@@ -83,12 +83,10 @@ def _events(source: LogTable, jets: list[str]) -> _Events:
     rows = np.flatnonzero(given.all(0))
     if not len(rows):
         raise InputError(f"{source.table.path}, column {source.name(PULSE_JET)}: no pulse; record the commands")
-    unknown = next((int(row) for row in rows if names[row] not in jets), None)
-    if unknown is not None:
-        hint = nearest(str(names[unknown]), jets, "the nearest jet is")
-        raise source.error(
-            unknown, PULSE_JET, f"{names[unknown]!r} is not a jet of the vehicle file{hint}; add it to [[jets]], or rename it"
-        )
+    for row in rows.tolist():
+        if names[row] not in jets:
+            hint = nearest(str(names[row]), jets, "the nearest jet is")
+            raise source.error(row, PULSE_JET, f"{names[row]!r} is not a jet of the vehicle file{hint}; add it to [[jets]], or rename it")
     for column, values, least in ((PULSE_START, start_s, -np.inf), (PULSE_DURATION, duration_s, 0.0)):
         bad = rows[~np.isfinite(values[rows]) | (values[rows] < least)]
         if len(bad):
