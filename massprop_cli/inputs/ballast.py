@@ -1,5 +1,6 @@
 """Ballast file of a table on a pedestal (``massprop schema ballast``): sliding weights, and places for added weight."""
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -37,12 +38,10 @@ class Ballast(Section):
             raise at_key(stated[0], "does not go with max_mass_kg; a ballast slides, or is a place where weight is added: state two")
         if self.max_mass_kg is None and missing:
             raise at_key(missing, "is missing; a weight that slides needs mass_kg, axis and travel_m, a place to add weight max_mass_kg")
-        if self.travel_m is not None and not self.travel_m[0] < self.travel_m[1]:
-            raise at_key(
-                "travel_m", f"[{self.travel_m[0]:g}, {self.travel_m[1]:g}] has no length; give the least travel, then the greatest"
-            )
-        if self.travel_m is not None and not self.travel_m[0] <= self.at_m <= self.travel_m[1]:
-            low, high = self.travel_m
+        low, high = self.travel_m or (-math.inf, math.inf)
+        if not low < high:
+            raise at_key("travel_m", f"[{low:g}, {high:g}] has no length; give the least travel, then the greatest")
+        if not low <= self.at_m <= high:
             raise at_key("at_m", f"{self.at_m:g} m is outside of travel_m = [{low:g}, {high:g}]; correct the one or the other")
         if self.mass_sigma_kg > (self.mass_kg or self.max_mass_kg or 0.0):
             raise at_key("mass_sigma_kg", f"{self.mass_sigma_kg:g} kg is more than mass_kg itself; state one sigma in kg")
