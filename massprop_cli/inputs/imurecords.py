@@ -68,9 +68,8 @@ def _axes(
     yaw = np.array(vehicle.imu.body_from_imu)[2]
     may_be_empty = [*(planar and abs(part) < YAW for part in yaw), True, True, True]
     logged = [source.has(name) for name in names]
-    empty = [
-        has and may and not one.any() for has, may, one in zip(logged, may_be_empty, (*increments[0].T, *increments[1].T), strict=True)
-    ]
+    values = [axis for sensor in increments for axis in sensor.T]
+    empty = [has and may and not axis.any() for has, may, axis in zip(logged, may_be_empty, values, strict=True)]
     axes = tuple(has and not none for has, none in zip(logged, empty, strict=True))
     missing = [name for name, has in zip(names, axes[:3], strict=False) if not has]
     if float((yaw[list(axes[:3])] ** 2).sum()) < 1 - YAW if planar else missing:
@@ -86,9 +85,8 @@ def empty_notice(source: LogTable, empty: Sequence[str]) -> list[Notice]:
     """Notice of columns that are 0 in every row."""
     if not empty:
         return []
-    text = (
-        f"columns that are 0 in every row count as absent: {', '.join(map(source.name, empty))}; if the sensor works, correct its logging"
-    )
+    named = ", ".join(map(source.name, empty))
+    text = f"columns that are 0 in every row count as absent: {named}; if the sensor works, correct its logging"
     return [Notice("empty-columns", text)]
 
 

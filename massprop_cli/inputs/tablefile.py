@@ -173,9 +173,7 @@ def _read_csv(path: Path, data: Content) -> Table:
 
 def _units(table: Any) -> Mapping[str, str]:
     """Units by column, if most cells of the first row are units and none is a number; else empty."""
-    first = {
-        name: str(column[0].as_py() or "").strip() for name, column in zip(table.column_names, table.columns, strict=True) if len(column)
-    }
+    first = {name: str(table.column(name)[0].as_py() or "").strip() for name in table.column_names if table.num_rows}
     named = {name: cell for name, cell in first.items() if cell.strip("[]()-")}
     known = sum(map(units.is_any, named.values()))
     return named if 2 * known > len(named) and not any(map(_NUMBER.match, named.values())) else {}

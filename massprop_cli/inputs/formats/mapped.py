@@ -34,10 +34,8 @@ def of(read: Recording, source: MapSource | None) -> Table:
         made = oncycles.at_own_times(streams, records, edges) or oncycles.on_cycles_of(streams, records, edges)
     signals.conversions.extend(_unmapped(signals))
     heading = source.map.attitude is not None and source.map.attitude.order == "heading"
-    time_s, by = (
-        made[columns.TIME],
-        MapConversion(source.source, source.sha256, tuple(_merged(signals.conversions)), signals.sampled, heading),
-    )
+    by = MapConversion(source.source, source.sha256, tuple(_merged(signals.conversions)), signals.sampled, heading)
+    time_s = made[columns.TIME]
     found = tablefile.at_hand(read.path, made, lambda row: f"record {row} as mapped (time_s = {time_s[row]:.9g})")
     return replace(found, sha256=read.sha256, embedded_vehicle=read.vehicle, made=by)
 

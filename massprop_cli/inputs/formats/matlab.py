@@ -145,10 +145,8 @@ def _table(path: str, table: pd.DataFrame) -> Iterator[RecordedStream]:
 
 def _units(table: pd.DataFrame) -> dict[str, str]:
     stated = table.attrs.get("VariableUnits", table.attrs.get("TableProperties", {}).get("VariableUnits"))
-    listed = (
-        [] if stated is None else [str(np.ravel(unit)[0]) if np.size(unit) else "" for unit in np.ravel(np.asarray(stated, dtype=object))]
-    )
-    return dict(zip(map(str, table.columns), listed, strict=False))
+    units = () if stated is None else np.ravel(np.asarray(stated, dtype=object))
+    return {str(name): str(np.ravel(unit)[0]) if np.size(unit) else "" for name, unit in zip(table.columns, units, strict=False)}
 
 
 class _UnreadableError(Exception):

@@ -60,13 +60,10 @@ class Streams:
         if self.attitude is not None and entry is not None:
             times = self.attitude.times
             turned = resample.z_up(resample.attitude_at(self.attitude.values, times.s, time_s), entry.world)
-            nearest = resample.nearest_to_samples(times.s, time_s, GAP * times.step_s)
-            made |= dict(zip(columns.QUATERNION, np.where(nearest, turned.T, np.nan), strict=True))
-            where = (
-                "the records' ends"
-                if nearest.all()
-                else f"the ends of the {nearest.sum()} of {len(nearest)} records that are nearest to a sample"
-            )
+            near = resample.nearest_to_samples(times.s, time_s, GAP * times.step_s)
+            made |= dict(zip(columns.QUATERNION, np.where(near, turned.T, np.nan), strict=True))
+            where = f"the ends of the {near.sum()} of {len(near)} records that are nearest to a sample"
+            where = "the records' ends" if near.all() else where
             self.signals.conversions.append(f"attitude: every {times.step_s:.6g} s, interpolated to {where}")
         for signal, column in self.instants:
             made[column] = np.interp(time_s, signal.times.s, signal.values[:, 0])

@@ -154,10 +154,8 @@ class Signals:
     def attitude(self, entry: mapfile.Attitude) -> QuantitySignal:
         """Unit quaternions wxyz, world of the file from body."""
         paths = [str(path) for path in self._paths("attitude", entry.paths, 1 if entry.order == "heading" else 4)]
-        columns = [
-            self._numbers("attitude", self._stream("attitude", path), self._separate_clocks or entry.where is not None) for path in paths
-        ]
-        recorded = self._together("attitude", paths, columns)
+        empty = self._separate_clocks or entry.where is not None
+        recorded = self._together("attitude", paths, [self._numbers("attitude", self._stream("attitude", path), empty) for path in paths])
         if entry.order == "heading":
             recorded = recorded * (self._factor("attitude", self._stream("attitude", paths[0]), entry, units.ANGLE)[0] * entry.scale)
         recorded = np.where(self._selected("attitude", paths, entry.where, len(recorded))[:, None], recorded, np.nan)

@@ -112,11 +112,8 @@ def on_cycles(signals: Signals, command: StreamCommand, cycles: Array) -> Array:
 
 def _other_reasons(count: int) -> str:
     """Text with other reasons for a cycle without or with two on-times."""
-    lost = (
-        ""
-        if count
-        else "; if an on-time is logged only when it changes, log it in each cycle; if commands were lost, set records.end_s before them"
-    )
+    lost = "; if an on-time is logged only when it changes, log it in each cycle; if commands were lost, set records.end_s before them"
+    lost = "" if count else lost
     return f"{lost}; if stamps are arrival times, state even = true; if the clock drifts, state its scale, under the clock of [jets]"
 
 
