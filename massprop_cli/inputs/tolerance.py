@@ -37,20 +37,13 @@ class Tolerance:
             return None if sigma is None else self.amount * sigma
         return self.amount if self.kind == "absolute" else self.amount / 100 * abs(about)
 
-    def misfit(self, quantity: str) -> str:
-        """Reason why this cannot be a tolerance of ``quantity``; empty if it can."""
-        unit = _UNITS[quantity]
-        if self.unit in ("", unit):
-            return ""
-        return f'the tolerance "{self.amount:g} {self.unit}" is not in the unit of {quantity}; give it in {unit}'
-
 
 def check_units(stated: Mapping[str, Tolerance | None], of_all: Tolerance | None) -> None:
     """Raise a validator's error if a quantity's tolerance has another quantity's unit, or if ``of_all`` is absolute."""
     for quantity, own in stated.items():
-        problem = own.misfit(quantity) if own is not None else ""
-        if problem:
-            raise at_key(quantity, problem)
+        unit = _UNITS[quantity]
+        if own is not None and own.unit not in ("", unit):
+            raise at_key(quantity, f'the tolerance "{own.amount:g} {own.unit}" is not in the unit of {quantity}; give it in {unit}')
     if of_all is not None and of_all.kind == "absolute":
         problem = 'is for quantities of several units; give "2 %" or "4 sigma" here, and absolute tolerances quantity by quantity'
         raise at_key("tolerance", problem)
