@@ -205,7 +205,12 @@ def tables(text: str, path: Path) -> tuple[dict[str, Any], str]:
     """Parsed TOML or JSON, and its text for line numbers (empty for JSON). Raises :class:`InputError` if unreadable or misplaced."""
     as_json = path.suffix.lower() == ".json"
     data = _from_json(text, str(path)) if as_json else configfile.parse_toml(text, str(path))
-    _check_place(data, str(path))
+    loose = next((key for key in data if key in QUANTITIES), None)
+    if loose is not None:
+        raise InputError(f"{path}: {loose} is outside any table; write it under [all], [[phases]] or [docked]")
+    if isinstance(data.get("phases"), dict) and data["phases"]:
+        first = next(iter(data["phases"]))
+        raise InputError(f'{path}: phases.{first}: phases are a list; write [[phases]] and below it name = "{first}"')
     return data, "" if as_json else text
 
 
@@ -226,16 +231,6 @@ def _from_json(text: str, source: str) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise InputError(f"{source}: holds a {type(data).__name__}, not a table of expectations; see massprop schema expect")
     return data
-
-
-def _check_place(data: Mapping[str, Any], source: str) -> None:
-    """Raise :class:`InputError` for keys in a wrong place, with the correct place."""
-    loose = next((key for key in data if key in QUANTITIES), None)
-    if loose is not None:
-        raise InputError(f"{source}: {loose} is outside any table; write it under [all], [[phases]] or [docked]")
-    if isinstance(data.get("phases"), dict) and data["phases"]:
-        first = next(iter(data["phases"]))
-        raise InputError(f'{source}: phases.{first}: phases are a list; write [[phases]] and below it name = "{first}"')
 
 
 def _with_value_tables(data: Mapping[str, Any]) -> dict[str, Any]:
