@@ -35,7 +35,7 @@ class Traits:
     interval_s: Array
     """(n - 1,) intervals of the records, s."""
     issued_s: float | None
-    """Interval of commands with time stamps of their own, s."""
+    """Median interval of commands with time stamps of their own, s."""
     choices: tuple[int, ...]
     """Possible numbers of records per control cycle, ascending: on-times that change together give only a multiple."""
     commands: Mapping[str, Array]
@@ -86,7 +86,9 @@ def traits(table: Table) -> Traits:
     mean_commands = {has.of(name) for kind, own in actuators.items() for name, has in own.items() if kind.THRUSTS and not has.instant}
     names = [name for name in table.columns if name in columns.WRENCH or name in mean_commands or columns.is_jet(name)]
     raw = {name: table.columns[name].numbers() for name in names}
-    issued_s = _apart_s(table)
+    stamps = table.columns[columns.COMMAND_TIME].numbers() if columns.COMMAND_TIME in table.columns else np.zeros(0)
+    apart_s = np.diff(stamps[np.isfinite(stamps)])
+    issued_s = median(apart_s) if len(apart_s) else None
     choices = _records(raw, median(steps)) if issued_s is None else (max(round(issued_s / median(steps)), 1),)
     count = choices[0] if choices else 1
     whole = len(time_s) // count * count
@@ -109,15 +111,6 @@ def traits(table: Table) -> Traits:
         gyro_clipped=_clipped(rate),
         accel_clipped=_clipped(force),
     )
-
-
-def _apart_s(table: Table) -> float | None:
-    """Median interval of commands with time stamps of their own, s; None without such."""
-    if columns.COMMAND_TIME not in table.columns:
-        return None
-    stamps = table.columns[columns.COMMAND_TIME].numbers()
-    steps = np.diff(stamps[np.isfinite(stamps)])
-    return median(steps) if len(steps) else None
 
 
 def _named(table: Table, kind: type[Actuator]) -> dict[str, LogColumn]:
