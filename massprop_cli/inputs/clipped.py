@@ -129,21 +129,16 @@ def stuck(increments: Array, others: Array, interval_s: Array, commanded: BoolAr
 
 def at_extremes(increments: Array, interval_s: Array) -> BoolArray:
     """(n, 3) whether a reading, an increment over its interval (n,), is one of repeated extremes of a saturated axis."""
-    # axis by axis, to limit memory for long logs
-    found = [_saturated(axis, interval_s) for axis in increments.T]
+    found = []
+    for axis in increments.T:  # one by one, to limit memory for long logs
+        found.append(_at_maximum(axis / interval_s) | _at_maximum(axis / -interval_s))
+        spill.give_back()
     if any(axis.any() for axis in found):
         repeated, others = np.sum([_elsewhere(axis / interval_s, at) for axis, at in zip(increments.T, found, strict=True)], 0)
         again = sum(int(axis.sum()) - 1 for axis in found if axis.any())
         if repeated <= REPEATED * max(others, 1) and ((repeated + 1) / (others + 2)) ** again < CHANCE:
             return np.stack(found, 1)
     return np.zeros(increments.shape, dtype=bool)
-
-
-def _saturated(increments: Array, interval_s: Array) -> BoolArray:
-    """(n,) saturated readings of one axis, without the test of repetition elsewhere."""
-    found: BoolArray = _at_maximum(increments / interval_s) | _at_maximum(increments / -interval_s)
-    spill.give_back()
-    return found
 
 
 def _elsewhere(values: Array, extreme: BoolArray) -> tuple[int, int]:
