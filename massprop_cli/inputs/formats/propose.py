@@ -94,7 +94,7 @@ def questions(text: str) -> int:
 
 def _section(clocks: listing.Clocks, quantity: VectorName, found: Sequence[Vector], chosen: dict[str, Vector]) -> list[str]:
     candidates, settled = fitting(quantity, found)
-    partial = {tuple(v.paths): reason for v in candidates if (reason := _left_out(clocks, quantity, v))}
+    partial = {tuple(v.paths): covered[1] for v in candidates if (covered := _covering(clocks, quantity, v)) and covered[1]}
     if partial:
         candidates = [v for v in candidates if tuple(v.paths) not in partial]
         settled = len(candidates) == 1
@@ -127,23 +127,16 @@ def _where(clocks: listing.Clocks, vector: Vector) -> list[str]:
     return [f'where = {{ column = {column}, is = "?" }}   # {values}: rows alternate between them, as of several sensors in one table']
 
 
-def _covering(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> tuple[RecordedStream, bool] | None:
-    """Stream with the interval of each increment, and whether the increments cover the whole time; None without such a stream."""
+def _covering(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> tuple[RecordedStream, str] | None:
+    """Stream with the interval of each increment, and why increments do not cover the whole motion, if so; None without such a stream."""
     length = interval_stream(clocks.streams, vector.paths)
     found = clocks.of(vector.streams[0])
     if length is None or len(found) != 1 or units.factor(vector.unit, quantity.increments) is None:
         return None
     step, factor = clocks.step(found[0], vector.streams[0]), units.factor(clocks.unit(found[0])[0], units.TIME)
-    return length, covers_all(length, [step * each for each in ([factor] if factor is not None else units.TIME.values())])
-
-
-def _left_out(clocks: listing.Clocks, quantity: VectorName, vector: Vector) -> str:
-    """Reason why increments do not cover the whole motion; empty if unknown."""
-    found = _covering(clocks, quantity, vector)
-    if found is None or found[1]:
-        return ""
-    step = clocks.step(clocks.of(vector.streams[0])[0], vector.streams[0])
-    return f"by {found[0].path!r} each covers {covered_interval(found[0]):.6g}, and they come every {step:.6g} by their clock"
+    whole = covers_all(length, [step * each for each in ([factor] if factor is not None else units.TIME.values())])
+    lost = f"by {length.path!r} each covers {covered_interval(length):.6g}, and they come every {step:.6g} by their clock"
+    return length, "" if whole else lost
 
 
 def _remark(clocks: listing.Clocks, vector: Vector) -> str:
