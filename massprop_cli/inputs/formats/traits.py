@@ -11,7 +11,7 @@ from massprop_cli.base.errors import InputError
 from massprop_cli.inputs import columns
 from massprop_cli.inputs.actuators.actuator import Actuator, LogColumn
 from massprop_cli.inputs.formats.clocks import outlying
-from massprop_cli.inputs.logtable import EMPTY
+from massprop_cli.inputs.logtable import EMPTY, LogTable
 from massprop_cli.inputs.tablefile import Table
 from massprop_cli.inputs.vehicle import ACTUATORS
 
@@ -73,9 +73,7 @@ def traits(table: Table) -> Traits:
     """Properties of a log. Raises :class:`InputError` without IMU, or for times that go back."""
     time_s = _numbers(table, (columns.TIME,))[:, 0]
     far, why = outlying(time_s)
-    if far.any():
-        row = int(np.argmax(far))
-        raise InputError(f"{table.path}, {table.place(row)}, column {columns.TIME}: {time_s[row]:.9g} s {why}")
+    LogTable(table, {}).refuse(far, columns.TIME, lambda row: f"{time_s[row]:.9g} s {why}")
     steps = np.diff(time_s)
     if len(steps) < 2 or not (steps > 0).all():
         raise InputError(f"{table.path}: {columns.TIME} does not increase throughout; sort or cut the log")
