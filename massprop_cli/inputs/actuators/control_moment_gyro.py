@@ -214,11 +214,8 @@ class GyroLog:
     """Angle, rad, and speed, rad/s, at the start of the first record; None: unknown."""
     after_s: float = 0.0
     """Time of the angles' knots after the ends of records, s (:mod:`massprop_cli.prepare.tachometer`)."""
-
-    @property
-    def integrated(self) -> bool:
-        """False: each record gives the momentum."""
-        return False
+    integrated: ClassVar[bool] = False
+    """Each record gives the momentum."""
 
     @property
     def known_before(self) -> bool:
