@@ -79,7 +79,7 @@ def test_a_long_run_variance_is_that_of_its_lags_under_bartletts_window_in_whate
 
 
 def test_stated_noise_of_the_accelerometer_is_believed_beside_a_torque_that_was_sized() -> None:
-    """Almost five sigma of chance in each channel's variance: the torque, which nobody stated, is too small; the accelerometer's noise stands."""
+    """Almost five sigma of chance in each variance: the torque, which nobody stated, is too small; the accelerometer's noise stands."""
     used, flown = flight.vehicle(), flight.standard("free")
     history = sized(flown.samples(np.random.default_rng(1)), used).histories[0]
     white = np.random.default_rng(2).standard_normal(history.normalised.shape)
