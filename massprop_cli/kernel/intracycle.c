@@ -8,7 +8,6 @@
 
 #define STEEP R(0.5) /* largest part of a rate's error that the gyroscopic coupling may add to it or take off within half a step */
 #define PASSES 3     /* that rebuild the motion within a cycle */
-#define ORDERS 4     /* of the turn within a cycle */
 
 static const int FIRST[6] = {0, 0, 0, 1, 1, 2}, SECOND[6] = {0, 1, 2, 1, 2, 2};
 
@@ -80,18 +79,16 @@ void mp_swing(const mp_reference *about, const mp_bin *here, mp_real out[3]) {
     mp_times((const mp_real(*)[3])j, swung, out);
 }
 
-/* The vertical after the body has turned by a rotation vector: the exponential's series. */
+/* The vertical after the body has turned by a rotation vector (Rodrigues 1840). */
 static void tilted(const mp_real up[3], const mp_real angle[3], mp_real out[3]) {
-    mp_real term[3], next[3];
-    int order, i;
-    for (i = 0; i < 3; i++) out[i] = term[i] = up[i];
-    for (order = 1; order <= ORDERS; order++) {
-        mp_cross(term, angle, next);
-        for (i = 0; i < 3; i++) {
-            term[i] = next[i] / R(order);
-            out[i] += term[i];
-        }
-    }
+    mp_real once[3], twice[3];
+    double half = 0.5 * sqrt((double)(angle[0] * angle[0] + angle[1] * angle[1] + angle[2] * angle[2]));
+    double sinc = half > 0 ? sin(half) / half : 1.0;
+    mp_real first = R(sinc * cos(half)), second = R(0.5 * sinc * sinc);
+    int i;
+    mp_cross(up, angle, once);
+    mp_cross(once, angle, twice);
+    for (i = 0; i < 3; i++) out[i] = up[i] + first * once[i] + second * twice[i];
 }
 
 /* Momentum of wheels, mean and first moment of a bin: of one, or of all (-1). */
@@ -177,6 +174,7 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
     for (i = 0; i < 3; i++) beyond[i] = R(0);
     for (again = 0; again < PASSES; again++) {
         mp_real change[3] = {R(0), R(0), R(0)}, behind[3] = {R(0), R(0), R(0)}, turned[3] = {R(0), R(0), R(0)}, coned[3] = {R(0), R(0), R(0)};
+        mp_real once[3] = {R(0), R(0), R(0)};
         mp_real grown[2][3] = {{R(0), R(0), R(0)}, {R(0), R(0), R(0)}}, steady[3];
         mp_mean_rate_dot(vehicle, bins, steady);
         if (vehicle->curvature != R(0) && again > 0)
@@ -219,7 +217,7 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
         }
         for (b = 0; b < count; b++) {
             mp_bin *here = bins + b;
-            mp_real angle[3], own[3], cone[3], bent[3];
+            mp_real angle[3], own[3], cone[3], bent[3], middle[3], before[3], third[3];
             for (i = 0; i < 3; i++) here->rate[i] += rates[0][i];
             if (!MP_ON_BEARING(vehicle)) continue;
             for (i = 0; i < 3; i++) {
@@ -230,6 +228,15 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
             mp_cross(here->rate, here->rate_dot, bent);
             for (i = 0; i < 3; i++) {
                 cone[i] = cone[i] / R(2) + bent[i] * (bin_s * bin_s * bin_s) / R(12);
+                before[i] = once[i] + cone[i] / R(2);
+                once[i] += cone[i];
+                middle[i] = turned[i] - own[i] / R(2);
+            }
+            mp_cross(before, own, bent);
+            mp_cross(middle, own, before);
+            mp_cross(middle, before, third);
+            for (i = 0; i < 3; i++) {
+                cone[i] += bent[i] / R(2) + third[i] / R(12);
                 coned[i] += cone[i];
                 angle[i] = turned[i] - own[i] / R(2) - here->rate_dot[i] * (bin_s * bin_s) / R(12) + coned[i] - cone[i] / R(2);
             }

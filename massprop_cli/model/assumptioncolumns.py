@@ -148,7 +148,10 @@ class _Derivatives:
         sizes = self.phi_map.sizes(theta)
         columns = [part[..., 1:] @ (self.phi_map.coefficients(theta)[1] * sizes) for part in (self.response.drive, self.response.measured)]
         wanted = np.concatenate([change[0].ravel(), change[1][:, :6].ravel()])
-        along = np.linalg.lstsq(np.vstack([one.reshape(-1, 10) for one in columns]), wanted, rcond=STEP)[0]
+        rows = np.vstack([one.reshape(-1, 10) for one in columns])
+        if not (np.isfinite(rows).all() and np.isfinite(wanted).all()):  # the fit has diverged
+            return change
+        along = np.linalg.lstsq(rows, wanted, rcond=STEP)[0]
         if not (size := float(np.abs(along).max())):
             return change
         ends = []

@@ -34,6 +34,9 @@ from massprop_cli.model.responsemap import ResponseMap
 from massprop_cli.model.windows import Windows, windows
 from massprop_cli.prepare.compensate import Samples, Source
 
+ORDERS = 4
+"""Order of the exponential series over a bin of a swing."""
+
 
 @dataclass(frozen=True)
 class Steps:
@@ -220,7 +223,38 @@ class _Equations:
             drive[:, tilt, 0] = -times(by_rate_error, propagated[:-1])
             transition[:, rate, rate] += entering @ by_rate_error
             drive[:, rate, 0] += times(entering, drive[:, tilt, 0])
+            if self.vehicle.swings:
+                both = np.r_[rate, tilt]
+                exact = self._swing_step()
+                less = exact - transition[:, both[:, None], both]
+                drive[:, both, 0] -= times(less[..., :3], self.rate[:-1])
+                transition[:, both[:, None], both] = exact
         return transition, drive
+
+    def _swing_step(self) -> Array:
+        """(K − 1, 6, 6) transition of mean rate and tilt where weight alone drives the body, by the matrix exponential of each bin.
+
+        A swing near its instability magnifies every error of the transition some thousand times.
+        """
+        motion, inverse_inertia = self.intra.motion, self.inverse_inertia
+        cycles, bins, _ = motion.rate.shape
+        by_time = np.zeros((cycles, bins, 6, 6))
+        by_time[..., :3, :3] = self.intra.response[:, -6:] @ products_by_rate(motion.rate) - inverse_inertia @ np.diag(self.intra.damping)
+        moments = self.plant.moment_by_tilt(self.reference, motion.up.reshape(-1, 3), np.zeros((cycles * bins, 3)))
+        by_time[..., :3, 3:] = inverse_inertia @ (moments.reshape(cycles, bins, 3, 3) + self._room_torque_by_tilt()[:, None])
+        by_time[..., 3:, :3], by_time[..., 3:, 3:] = np.eye(3), -cross_matrix(motion.rate)
+        by_time *= self.bin_s[:, None, None, None]
+        step = mean = term = np.broadcast_to(np.eye(6), by_time.shape)
+        for order in range(1, ORDERS + 1):
+            term = term @ by_time / order
+            step, mean = step + term, mean + term / (order + 1)
+        whole, means = np.broadcast_to(np.eye(6), (cycles, 6, 6)), np.zeros((cycles, 6, 6))
+        for b in range(bins):
+            means = means + mean[:, b] @ whole / bins
+            whole = step[:, b] @ whole
+        to_means = np.broadcast_to(np.eye(6), whole.shape).copy()
+        to_means[:, :3] = means[:, :3]
+        return to_means[1:] @ whole[:-1] @ np.linalg.inv(to_means[:-1])
 
     def translation(self, whole: Array, onto: Array | None) -> tuple[Array, Array]:
         """(K, 6, n) measurement Jacobian, and (K, 6, 1 + c) measured rate and specific force."""
