@@ -183,8 +183,11 @@ def fly(
     gravity: float = GRAVITY,
     acting: Array | None = None,
     room: Array | None = None,
+    tilt_rad: float = 0.06,
 ) -> Flown:
-    """From a small tilt on; what acts is drawn at random, of several draws the one that brings the table back best.
+    """From a small tilt on, a swing from one of sigma ``tilt_rad`` about each axis.
+
+    What acts is drawn at random, of several draws the one that brings the table back best.
 
     With a steady torque (V, 3) along the ``room``'s axes beside it.
     Without ``gravity`` and with the pivot at its CG a body that wheels turn is free. Of each of four wheels or gyros a part ``acting`` of
@@ -193,7 +196,7 @@ def fly(
     count, cycles = len(own.mass), round(duration_s / period_s)
     motion = _Motion(own, gravity, np.zeros((count, 3)) if room is None else room)
     y: Array = np.zeros((count, 13))
-    y[:, 0], y[:, 1:4] = 1.0, rng.normal(0, 0.03 if kind == "swing" else 0.005, (count, 3))
+    y[:, 0], y[:, 1:4] = 1.0, rng.normal(0, tilt_rad / 2 if kind == "swing" else 0.005, (count, 3))
     y[:, :4] /= np.linalg.norm(y[:, :4], axis=1, keepdims=True)
     y[:, 4:7] = rng.normal(0, 0.05 if kind == "swing" else 0.01, (count, 3))
     attitude, sums = y[:, :4].copy(), np.zeros((cycles + 1, count, 6))

