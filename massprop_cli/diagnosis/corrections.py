@@ -178,6 +178,9 @@ def applied(case: Case, fit: Fitted) -> Case | None:
     mounting = _common_mounting(fit)
     if mounting is not None:
         setup = setup.having("imu.body_from_imu", mounting)
+    for sensor, base in (("gyro_noise_rad_s", fit.hypothesis.gyro), ("accel_noise_m_s2", fit.hypothesis.accelerometer)):
+        if sensor in case.vehicle.imu.estimated:  # in the unit of the columns
+            setup = setup.having(f"imu.{sensor}", setup.value(f"imu.{sensor}") / _unit(base))
     timing = Timing(*(max(value, 0.0) for value in setup.timing))
     return case._replace(log=setup.log, vehicle=cast("Resolved", setup.vehicle), timing=timing)
 

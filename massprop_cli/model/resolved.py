@@ -20,6 +20,8 @@ class Levelled(Imu):
 
     gyro_noise_rad_s: Positive
     accel_noise_m_s2: Positive
+    estimated: tuple[str, ...] = ()
+    """Keys of the levels that the log gave, in the units of its columns."""
 
 
 class Resolved(Vehicle):
@@ -30,7 +32,8 @@ class Resolved(Vehicle):
     @classmethod
     def of(cls, vehicle: Vehicle, gyro_rad_s: float, accel_m_s2: float) -> Resolved:
         """The vehicle with these noise levels, one sigma of a cycle's mean rate and specific force."""
-        levels = {"gyro_noise_rad_s": gyro_rad_s, "accel_noise_m_s2": accel_m_s2}
+        levels: dict[str, object] = {"gyro_noise_rad_s": gyro_rad_s, "accel_noise_m_s2": accel_m_s2}
+        levels["estimated"] = tuple(key for key in levels if not getattr(vehicle.imu, key))
         imu = Levelled.model_construct(vehicle.imu.model_fields_set | set(levels), **{**dict(vehicle.imu), **levels})
         return cls.model_construct(vehicle.model_fields_set | {"imu"}, **{**dict(vehicle), "imu": imu})
 
