@@ -7,7 +7,7 @@ low-pass by :data:`CLEAR` of −2 log likelihood. Its cutoff is then estimated w
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
@@ -75,8 +75,8 @@ class KernelsFound(NamedTuple):
 def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -> KernelsFound:
     """Log and vehicle file with kernels that are not stated but significant in the log.
 
-    Increments are means by definition: only low-passes are searched, and only if the log is ``unfit`` without. An unfit log may also have
-    one sensor later than the other.
+    Increments are means by definition: only low-passes are searched, and only if the log is ``unfit`` without. If it is known what a record
+    is, one sensor may also be later than the other.
     """
     vehicle, as_stated = source.vehicle, KernelsFound(log, source, source)
     rates = log.rate_columns != DELTA_THETA and log.force_columns != DELTA_V
@@ -88,7 +88,7 @@ def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -
     say("finding what the IMU records", 0.0)
     regression = _CommandRegression.of(log, vehicle)
     costs = _costs(regression, (False, True) if kind_open else (any(log.sampled),), LOW_PASSES if rates != unfit else ())
-    best = _best(costs, regression.later(any(log.sampled)) if unfit else {}) if costs else None
+    best = _best(costs, {} if kind_open else regression.later(any(log.sampled))) if costs else None
     if best is None or (best[0].later and best[1].later):
         return as_stated
     filters = {f"{sensor}_filter": one for sensor, one in zip(delay.SENSORS, best, strict=True) if one.order or one.later}
@@ -172,8 +172,18 @@ class _CommandRegression(NamedTuple):
         One sensor alone has a penalty, since both costs are similar if one sensor gives little information. In free flight, commands later
         for one sensor are equivalent. On a bearing gravity turns between the two sensors, too.
         """
-        short, bare = self._replace(log=_first_cycles(self.log, SHORT)), _Kernel(sampled)
-        log = replace(short.log, sampled=(sampled, sampled))
+        bare = _Kernel(sampled)
+        short, whole = self._replace(log=_first_cycles(self.log, SHORT))._later_cost(sampled), self._later_cost(sampled)
+        costs_of_pairs = dict[tuple[_Kernel, _Kernel], float]()
+        for shown in ((True, False), (False, True), (True, True)):
+            latency = line_minimum(partial(short, shown=shown), LATER, LATER[-1] / 2, FINEST)
+            gyro, accelerometer = (bare._replace(later=latency * one) for one in shown)
+            costs_of_pairs[(gyro, accelerometer)] = whole(latency, shown=shown) + (0.0 if all(shown) else CLEAR)
+        return costs_of_pairs
+
+    def _later_cost(self, sampled: bool) -> Callable[..., float]:
+        """−2 log likelihood of both sensors by the latency, cycles, of those ``shown``."""
+        log = replace(self.log, sampled=(sampled, sampled))
         motion = motion_of(self.at.of(log, self.vehicle))
 
         @cache
@@ -189,17 +199,11 @@ class _CommandRegression(NamedTuple):
             if all(shown) or not self.vehicle.pivoted:
                 return costs(later * shown[0])[0] + costs(later * shown[1])[1]
             with suppress(InputError):
-                low_pass = bare._replace(later=later).low_pass(self.vehicle)
-                return sum(short.cost(sampled, dict.fromkeys(itertools.compress(delay.SENSORS, shown), low_pass)))
+                low_pass = _Kernel(sampled, later=later).low_pass(self.vehicle)
+                return sum(self.cost(sampled, dict.fromkeys(itertools.compress(delay.SENSORS, shown), low_pass)))
             return np.inf
 
-        costs_of_pairs = dict[tuple[_Kernel, _Kernel], float]()
-        for shown in ((True, False), (False, True), (True, True)):
-            cost_of = partial(cost, shown=shown)
-            latency = line_minimum(cost_of, LATER, LATER[-1] / 2, FINEST)
-            gyro, accelerometer = (bare._replace(later=latency * one) for one in shown)
-            costs_of_pairs[(gyro, accelerometer)] = cost_of(latency) + (0.0 if all(shown) else CLEAR)
-        return costs_of_pairs
+        return cost
 
 
 def _costs(regression: _CommandRegression, kinds: tuple[bool, ...], orders: tuple[Order, ...]) -> dict[_Kernel, tuple[float, float]]:
