@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from massprop_cli.base.arrays import Array, median
-from massprop_cli.base.levels import CERTAIN, CHANCE, CONTRADICTION, ENOUGH
+from massprop_cli.base.levels import CHANCE, CONTRADICTION, ENOUGH
 from massprop_cli.estimate.history import History
 from massprop_cli.estimate.initial import early_reference
 from massprop_cli.estimate.sizing import Levels
@@ -24,10 +24,10 @@ from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.model.resolved import Resolved
 from massprop_cli.prepare.compensate import Samples, Source, gathered
 
-EXCESS, EXCESS_SIZED = 0.2, 0.05
-"""The stated noise does not explain a mean squared normalised innovation above 1 + EXCESS and above 1 + CERTAIN of its own sigmas √(2 / N):
-sigmas would be 10 % too small. A disturbance that was estimated here, and not stated: above 1 + EXCESS_SIZED, sigmas to 2.5 %, and above
-1 + CHANCE of them."""
+EXCESS, EXCESS_SIZED, FAR = 0.2, 0.05, 6.0
+"""The stated noise does not explain a mean squared normalised innovation above 1 + EXCESS and above 1 + FAR of its own sigmas √(2 / N):
+sigmas would be 10 % too small, and the false-alarm probability is one in a billion. A disturbance that was estimated here, and not stated:
+above 1 + EXCESS_SIZED, sigmas to 2.5 %, and above 1 + CHANCE of them."""
 EXCESS_SLOW = 0.5
 """The same for the long-run variance, which matters for quantities that slow motion alone informs: their sigmas would be a fifth too small.
 With a Bartlett window it is a chi-square of ν = 3/2 N / lags degrees of freedom over ν (M. B. Priestley, Spectral Analysis and Time Series,
@@ -62,9 +62,9 @@ def misfit(histories: Sequence[History], vehicle: Resolved, sized: bool = False)
     adapted = vehicle.environment.disturbance_torque_n_m + vehicle.environment.disturbance_walk_n_m > 0
     # strict limits apply only to estimated noise: a torque, and the accelerometer's if it was widened
     strict = sized & np.repeat([adapted, vehicle.estimator.accel_noise_scale != UNWIDENED], 3)
-    least, sigmas = np.where(strict, EXCESS_SIZED, EXCESS), np.where(strict, CHANCE, CERTAIN)
+    least, sigmas = np.where(strict, EXCESS_SIZED, EXCESS), np.where(strict, CHANCE, FAR)
     over_white = np.where(white > 1 + np.maximum(least, sigmas * np.sqrt(2 / count)), white, 0.0)
-    by_chance = 1 + CERTAIN * np.sqrt(4 * lags / 3 / count) if sized else _chi_square_bound(1.5 * count / lags)
+    by_chance = 1 + FAR * np.sqrt(4 * lags / 3 / count) if sized else _chi_square_bound(1.5 * count / lags)
     over_long = np.where(long_run > max(1 + EXCESS_SLOW, by_chance), long_run, 0.0)
     if adapted:
         over_long[:3] = 0.0  # the model has a slow torque then; only its size is tested
@@ -74,9 +74,9 @@ def misfit(histories: Sequence[History], vehicle: Resolved, sized: bool = False)
 
 
 def _chi_square_bound(freedom: float) -> float:
-    """Bound of a chi-square over its ``freedom``, with the tail probability of :data:`CERTAIN` sigmas (Wilson and Hilferty 1931)."""
+    """Bound of a chi-square over its ``freedom``, with the tail probability of :data:`FAR` sigmas (Wilson and Hilferty 1931)."""
     spread = 2 / 9 / freedom
-    return float((1 - spread + CERTAIN * np.sqrt(spread)) ** 3)
+    return float((1 - spread + FAR * np.sqrt(spread)) ** 3)
 
 
 def _clipped(history: History) -> Iterator[Array]:

@@ -8,7 +8,6 @@ import pytest
 from scipy.stats import chi2, norm
 
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.levels import CERTAIN
 from massprop_cli.estimate import disturbances, unexplained
 from massprop_cli.estimate.initial import early_reference
 from massprop_cli.estimate.phases import Estimates, as_stated, estimates
@@ -63,11 +62,11 @@ def test_a_long_run_variance_is_in_excess_as_rarely_as_a_normal_deviate_is_beyon
     """In 200 cycles a normal tail's bound, 1 + 6 sigma, is passed 5 times in 100,000 by white noise."""
     for freedom in (20.0, 50.0, 200.0):
         chance = chi2.sf(disturbances._chi_square_bound(freedom) * freedom, freedom)
-        assert 0.4 < chance / norm.sf(CERTAIN) < 1.1
+        assert 0.4 < chance / norm.sf(disturbances.FAR) < 1.1
     white = np.random.default_rng(1).standard_normal((200, 60_000))
     long_run = np.concatenate([disturbances._long_run([six], 14) for six in np.split(white, 10_000, axis=1)]) / 200
     assert long_run.var() == pytest.approx(2 / (1.5 * 200 / 14), rel=0.1)
-    assert 0 < (long_run > 1 + CERTAIN * np.sqrt(4 * 14 / 3 / 200)).sum() < 10
+    assert 0 < (long_run > 1 + disturbances.FAR * np.sqrt(4 * 14 / 3 / 200)).sum() < 10
     assert long_run.max() < disturbances._chi_square_bound(1.5 * 200 / 14)
 
 
@@ -79,12 +78,12 @@ def test_a_long_run_variance_is_that_of_its_lags_under_bartletts_window_in_whate
 
 
 def test_stated_noise_of_the_accelerometer_is_believed_beside_a_torque_that_was_sized() -> None:
-    """Almost five sigma of chance in each variance: the torque, which nobody stated, is too small; the accelerometer's noise stands."""
+    """Five sigma of chance in each channel's variance: the torque, which nobody stated, is too small; the accelerometer's noise stands."""
     used, flown = flight.vehicle(), flight.standard("free")
     history = sized(flown.samples(np.random.default_rng(1)), used).histories[0]
     white = np.random.default_rng(2).standard_normal(history.normalised.shape)
     count = len(white)
-    white *= np.sqrt((1 + 4.9 * np.sqrt(2 / count)) / (white**2).mean(0))
+    white *= np.sqrt((1 + 5 * np.sqrt(2 / count)) / (white**2).mean(0))
     odd = replace(history, normalised=white)
     torque = resolved(used.model_copy(update={"environment": used.environment.model_copy(update={"disturbance_walk_n_m": 0.001})}))
     assert np.isnan(disturbances.misfit([odd], resolved(used))).all()
