@@ -37,6 +37,8 @@ sensor to differ from the other's clear low-pass, since both are mostly in one c
 CUTOFFS_HZ = (220.0, 150.0, 105.0, 75.0, 53.0, 38.0, 27.0, 19.0, 13.0, 9.5)
 BEGUN_HZ = CUTOFFS_HZ[1::3]
 """Cutoffs that are tested first, Hz."""
+PASSES = 2
+"""Parabolas by which each sensor's best cutoff is refined. Between two of the above, −2 log likelihood is off by tens."""
 Order = Literal[0, 1, 2]
 LOW_PASSES: tuple[Order, ...] = (1, 2)
 SHIFTS = (-2.0, -1.0, 1.0, 2.0)
@@ -100,25 +102,11 @@ def found(log: Log, source: VehicleSource, say: Progress, unfit: bool = False) -
         replace(source, vehicle=vehicle.model_copy(update={"imu": vehicle.imu.model_copy(update=kind | low_passes_of)}))
         for low_passes_of in (
             {key: LowPass(order=one.order, **{"cutoff_hz" if one.order else "latency_s": "auto"}) for key, one in filters.items()},
-            {key: _likeliest(costs, key, one).low_pass(vehicle) for key, one in filters.items()},
+            {key: one.low_pass(vehicle) for key, one in filters.items()},
         )
     )
     log = replace(log, sampled=(sampled, sampled), notices=(*log.notices, _notice(best, sampled and kind_open)))
     return KernelsFound(log, with_open, nearest, any(one.later for one in best))
-
-
-def _likeliest(costs: Mapping[_Kernel, tuple[float, float]], key: str, best: _Kernel) -> _Kernel:
-    """Kernel with the cutoff at the minimum of a parabola through the costs of the best cutoff and its neighbours."""
-    sensor, at = delay.SENSORS.index(key.removesuffix("_filter")), CUTOFFS_HZ.index(best.cutoff_hz) if best.order else 0
-    if not 0 < at < len(CUTOFFS_HZ) - 1:
-        return best
-    cutoffs = CUTOFFS_HZ[at - 1 : at + 2]
-    curvature, slope, _ = np.polyfit(np.log(cutoffs), [costs[best._replace(cutoff_hz=cutoff)][sensor] for cutoff in cutoffs], 2)
-    return (
-        best._replace(cutoff_hz=float(np.exp(np.clip(-slope / (2 * curvature), *np.log([cutoffs[-1], cutoffs[0]])))))
-        if curvature > 0
-        else best
-    )
 
 
 def without(source: VehicleSource) -> VehicleSource:
@@ -229,21 +217,34 @@ def _costs(regression: _CommandRegression, kinds: tuple[bool, ...], orders: tupl
                 for one in pending:
                     add(one)
                 pending = _neighbours(costs, kind, order)
+            for _ in range(PASSES):
+                for one in _finer(costs, kind, order):
+                    add(one)
     except InputError:
         return {}
     return costs
 
 
 def _neighbours(costs: Mapping[_Kernel, tuple[float, float]], kind: bool, order: int) -> set[_Kernel]:
-    """Cutoffs still to test: neighbours of each sensor's best one, if that beats no low-pass."""
+    """Cutoffs still to test: neighbours of each sensor's best one. Between two of those tested first, none may seem better than none."""
     of_kind = [one for one in costs if (one.sampled, one.order) == (kind, order)]
-    pending = set[_Kernel]()
+    best = {CUTOFFS_HZ.index(min(of_kind, key=lambda one: costs[one][sensor]).cutoff_hz) for sensor in range(len(delay.SENSORS))}
+    return {of_kind[0]._replace(cutoff_hz=cutoff) for at in best for cutoff in CUTOFFS_HZ[max(at - 1, 0) : at + 2]} - costs.keys()
+
+
+def _finer(costs: Mapping[_Kernel, tuple[float, float]], kind: bool, order: int) -> set[_Kernel]:
+    """Kernel of each sensor at the minimum of the parabola through its best cutoff and its neighbours."""
+    of_kind = sorted((one for one in costs if (one.sampled, one.order) == (kind, order)), key=lambda one: one.cutoff_hz)
+    finer = set[_Kernel]()
     for sensor in range(len(delay.SENSORS)):
-        best = min(of_kind, key=lambda one: costs[one][sensor])
-        if costs[best][sensor] < costs[_Kernel(kind)][sensor]:
-            at = CUTOFFS_HZ.index(best.cutoff_hz)
-            pending |= {best._replace(cutoff_hz=cutoff) for cutoff in CUTOFFS_HZ[max(at - 1, 0) : at + 2]}
-    return pending - costs.keys()
+        at = min(range(len(of_kind)), key=lambda i: costs[of_kind[i]][sensor])
+        near = of_kind[max(at - 1, 0) : at + 2]
+        if len(near) == 3:
+            logs = np.log([one.cutoff_hz for one in near])
+            curvature, slope, _ = np.polyfit(logs, [costs[one][sensor] for one in near], 2)
+            if curvature > 0:
+                finer.add(near[1]._replace(cutoff_hz=float(np.exp(np.clip(-slope / (2 * curvature), logs[0], logs[2])))))
+    return finer - costs.keys()
 
 
 def _best(
