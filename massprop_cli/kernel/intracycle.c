@@ -157,6 +157,7 @@ static void mean_offset(const mp_vehicle *vehicle, const mp_cycle *cycle, const 
  * times the duration. */
 void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, const mp_reference *about, const mp_real mean[3],
                mp_bin *bins, mp_real rates[2][3], mp_real ups[2][3], mp_real beyond[3]) {
+    const mp_real zero[3] = {R(0), R(0), R(0)};
     int count = vehicle->bins, again, b, i;
     mp_real bin_s = cycle->duration_s / R(count), shown[3] = {R(0), R(0), R(0)};
     if (vehicle->filtered) mean_offset(vehicle, cycle, about, shown);
@@ -180,7 +181,7 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
             for (i = 0; i < 2; i++) coupled(about, channels, rates[i], bin_s * R(count), grown[i]);
         for (b = 0; b < count; b++) {
             mp_bin *here = bins + b;
-            mp_real coupling[3], dot[3], turning[3];
+            mp_real coupling[3], dot[3];
             coupled(about, channels, here->rate, bin_s * R(count), coupling);
             if (MP_ON_BEARING(vehicle) || vehicle->wheels > 0 || again == 0) {
                 mp_real acts[2][6], torque[2][3];
@@ -194,9 +195,7 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
                     }
                 }
                 driven(vehicle, about, acts[0], here->up, here->up, here->driven);
-                mp_cross(here->up, here->rate, turning);
-                for (i = 0; i < 3; i++) turning[i] *= MP_ON_BEARING(vehicle) ? bin_s * bin_s / R(12) : R(0);
-                driven(vehicle, about, acts[1], turning, here->up, here->late);
+                driven(vehicle, about, acts[1], zero, here->up, here->late);
             }
             for (i = 0; i < 3; i++) dot[i] = here->driven[i] + coupling[i];
             if (MP_SLIDES(vehicle)) {
@@ -242,9 +241,6 @@ void mp_within(const mp_vehicle *vehicle, int channels, const mp_cycle *cycle, c
                 angle[i] = turned[i] - own[i] / R(2) - here->rate_dot[i] * (bin_s * bin_s) / R(12) + coned[i] - cone[i] / R(2);
             }
             tilted(cycle->up[0], angle, here->up);
-            mp_cross(here->up, own, bent);
-            mp_cross(bent, own, third);
-            for (i = 0; i < 3; i++) here->up[i] += third[i] / R(24); /* mean over the bin */
         }
         if (!MP_ON_BEARING(vehicle)) continue;
         for (i = 0; i < 3; i++) {

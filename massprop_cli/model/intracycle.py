@@ -81,8 +81,7 @@ def intra_cycle_motion(samples: Samples, reference: Reference, phi_map: Response
             torque, torque_moment = made_by_motion(stored, reference.damping, motion, bin_s) or (0.0, 0.0)
             driven = times(response[:, :-6], plant.inputs(_with_torque(motion.wrench, torque), motion.up, motion.up))
             # a later impulse makes the bin's mean rate less than the rate in its middle
-            turning = cross(motion.up, motion.rate) * bin_s**2 / 12 if plant.pivoted else np.zeros_like(rate)
-            rate_dot_moment = times(response[:, :-6], plant.inputs(_with_torque(skew, torque_moment), turning, motion.up))
+            rate_dot_moment = times(response[:, :-6], plant.inputs(_with_torque(skew, torque_moment), np.zeros_like(rate), motion.up))
         rate_dot = driven + coupled
         if plant.pivoted:
             rate_dot = rate_dot + plant.nonlinear_acceleration(theta, motion)
@@ -93,22 +92,26 @@ def intra_cycle_motion(samples: Samples, reference: Reference, phi_map: Response
         rate = rate_start[:, None] + deviation
         up = motion.up
         if plant.pivoted:
-            angle = rate * bin_s
-            rotated, cone_of_bin = _cumulative(angle), cross(rate, rate_dot) * bin_s**3 / 12
-            cone_of_bin += cross(rotated, angle) / 2
-            cones = _cumulative(cone_of_bin)
-            turned = rotated - angle / 2
-            cone_of_bin += cross(cones - cone_of_bin / 2, angle) / 2 + cross(turned, cross(turned, angle)) / 12
-            cones = _cumulative(cone_of_bin)
-            middle = rotated - angle / 2 - rate_dot * bin_s**2 / 12 + cones - cone_of_bin / 2
-            up, end = (_rotated(up_start, vector) for vector in (middle, rotated[:, -1:] + cones[:, -1:]))
-            up = up + cross(cross(up, angle), angle) / 24  # mean over the bin
-            ups, excess = (up_start, end[:, 0]), rotated[:, -1] + cones[:, -1] - mean * executed.duration_s[:, None]
+            up, end, turned = _verticals(up_start, rate, rate_dot, bin_s)
+            ups, excess = (up_start, end), turned - mean * executed.duration_s[:, None]
         motion = Motion(motion.wrench, rate, rate_dot, up, rate_dot_moment)
         if samples.kernel_effect is not None:
             turning = times(response[:, -6:], products(rate_start + change[:, -1]) - products(rate_start))
             kernel_growth = samples.kernel_effect.curvature_s2 * turning / executed.duration_s[:, None]
     return IntraCycle(theta, response, motion, (rate_start, rate_start + change[:, -1]), ups, excess, reference.damping)
+
+
+def _verticals(up_start: Array, rate: Array, rate_dot: Array, bin_s: Array) -> tuple[Array, Array, Array]:
+    """(K, B, 3) vertical in the middle of each bin, (K, 3) vertical at the end, body axes, and (K, 3) rotation vector of the cycle, rad."""
+    angle = rate * bin_s
+    rotated, cone_of_bin = _cumulative(angle), cross(rate, rate_dot) * bin_s**3 / 12
+    cone_of_bin += cross(rotated, angle) / 2
+    cones, turned = _cumulative(cone_of_bin), rotated - angle / 2
+    cone_of_bin += cross(cones - cone_of_bin / 2, angle) / 2 + cross(turned, cross(turned, angle)) / 12
+    cones = _cumulative(cone_of_bin)
+    middle = turned - rate_dot * bin_s**2 / 12 + cones - cone_of_bin / 2
+    end = rotated[:, -1:] + cones[:, -1:]
+    return _rotated(up_start, middle), _rotated(up_start, end)[:, 0], end[:, 0]
 
 
 def _mean_offset(samples: Samples, response: Array, plant: Plant) -> Array:

@@ -8,6 +8,7 @@ needs them takes a :class:`Resolved`, any other a :class:`massprop_cli.inputs.ve
 from __future__ import annotations
 
 import numpy as np
+from pydantic import Field
 
 from massprop_cli.base.arrays import Array
 from massprop_cli.inputs.equipment import Imu
@@ -20,7 +21,7 @@ class Levelled(Imu):
 
     gyro_noise_rad_s: Positive
     accel_noise_m_s2: Positive
-    estimated: tuple[str, ...] = ()
+    estimated: tuple[str, ...] = Field((), exclude=True)
     """Keys of the levels that the log gave, in the units of its columns."""
 
 
