@@ -33,6 +33,8 @@ LOGGED_AFTER = (
 IN_VEHICLE_FILE, IN_MAP = "under [columns]", "in the map (unit, scale, axes)"
 """Where to correct the columns of a plain log, and those of a recording."""
 
+NEARLY = 4.6
+"""−2 log of the odds, 1 : 10, up to which neither of two codes is named."""
 UNIT = float(np.log(2.0))
 """Log of the least factor that may be a unit of torques or forces; a smaller one is a scale, which can be stated as uncertain."""
 
@@ -87,7 +89,7 @@ def _faults(screening: Screening, refit: Refit, rivals: Sequence[Refit] = (), al
             message += f", or else {_joined(rival_causes)}"
         else:
             rival_texts.append(f"{_joined(rival_causes)} (odds {np.exp((refit.score - rival.score) / 2):.2g} to 1)")
-            named = [code for code in named if code in dict(rival_causes) or rival.score > refit.score + EVEN]
+            named = [code for code in named if code in dict(rival_causes) or rival.score > refit.score + NEARLY]
     inertia_text, inertia_corrections = _rotor_inertia(refit)
     message = f"the log fits if {message}{inertia_text}"
     if rival_texts:

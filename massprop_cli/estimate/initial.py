@@ -14,13 +14,15 @@ import numpy as np
 
 from massprop_cli import INERTIA
 from massprop_cli.base.arrays import Array
-from massprop_cli.base.levels import CERTAIN, LONG
+from massprop_cli.base.levels import LONG
 from massprop_cli.base.rigidbody import cross, spread, tensor
 from massprop_cli.inputs.vehicle import Vehicle
 from massprop_cli.model.gyroscopic import gamma, products
 from massprop_cli.model.plant import Reference, plant_of
 from massprop_cli.prepare.compensate import Samples, Source, acceleration
 
+SIGNIFICANT = 6.0
+"""Ratio of an axis' response to its sigma, above which it counts; as in the kernel."""
 COUPLE = 1e-3
 """Force over that of the couples (torque over the jets' reach), below which it does not inform the mass. It may be rounding of many jets'
 forces, and the CG's acceleration by the rotation exceeds it."""
@@ -96,7 +98,7 @@ def _response(motion: Array, cause: Array, others: Array | None = None) -> float
     motion, cause, power = motion[:, driven], cause[:, driven], power[driven]
     slope = (motion * cause).sum(0) / power
     sigma = np.sqrt(((motion - slope * cause) ** 2).sum(0) / freedom / power)
-    clear = slope > CERTAIN * sigma
+    clear = slope > SIGNIFICANT * sigma
     return float((slope * power)[clear].sum() / power[clear].sum()) if clear.any() else None
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from massprop_cli.base.arrays import Array, BoolArray, IntArray, grown, triangle_of
-from massprop_cli.base.levels import CHANCE, ITERATIONS, KNOWN, STILL, UNINFORMED
+from massprop_cli.base.levels import CHANCE, KNOWN, STILL, UNINFORMED
 from massprop_cli.base.rigidbody import MOMENTS
 from massprop_cli.estimate import quantities
 from massprop_cli.estimate.innovations import in_units, innovations_given, sequential_innovations
@@ -24,6 +24,8 @@ from massprop_cli.model.sensitivity import Consider
 from massprop_cli.model.system import random_walk
 from massprop_cli.prepare.compensate import Source
 
+PASSES, STEPS = 4, 6
+"""Most relinearisations in a row, and most Gauss–Newton steps on a triangle; fewer than elsewhere, as the kernel takes them in flight."""
 CHECKPOINT = 64
 """Cycles between the runs from which a later relinearisation may start."""
 ASTRAY = 0.4
@@ -49,7 +51,7 @@ class Regression(Triangle):
     def relinearised(self, ring: list[Run], reference: Reference) -> list[Run]:
         """Process the cycles of the ring again, about the reference that they give from ``reference`` on."""
         oldest, end = ring[0], ring[-1].at
-        for _ in range(ITERATIONS):
+        for _ in range(PASSES):
             begun = replace(oldest, reference=reference, estimate=reference, relinearised_at=end)
             ring = [begun, *(run for run, _ in self.process_each(begun, [*range(oldest.at + CHECKPOINT, end, CHECKPOINT), end]))]
             ring[-1] = self.solved(ring[-1])
@@ -129,7 +131,7 @@ class Regression(Triangle):
         Returns θ, geometry and initial states, Φ (3, C), chi-square, and whether the search is stuck.
         """
         count = self._nuisance_count(tied)
-        for _ in range(ITERATIONS):
+        for _ in range(STEPS):
             centre, scale = self._pull(theta, run)
             triangle = self._posed(run, theta, scale, centre, tied)
             last = triangle[count + 9, count + 9 :]

@@ -212,7 +212,7 @@ def test_momentum_begins_with_the_rate_that_the_body_has_when_the_first_torque_a
 @pytest.mark.thorough
 def test_a_delay_is_found_in_a_long_log_of_wheels_whose_torque_was_logged(monkeypatch: pytest.MonkeyPatch) -> None:
     """Their speed follows from the whole log, of which no stretch can be looked at alone: it had ended in an internal error."""
-    monkeypatch.setattr(resolve, "LONGEST", 200)
+    monkeypatch.setattr(resolve, "LONG", 200)
     by_torque = [f'vehicle.wheels.{i}.column="torque"' for i in range(3)]
     _, flight = flown("wheels", *by_torque)
     analysis = estimated(flight, 'cycle.command_delay_cycles="auto"')
