@@ -170,7 +170,7 @@ class _CommandRegression(NamedTuple):
         return costs_of_pairs
 
     def _later_cost(self, sampled: bool) -> Callable[..., float]:
-        """−2 log likelihood of both sensors by the latency, cycles, of those ``shown``."""
+        """−2 log likelihood of both sensors, as a function of a latency, cycles, and of which sensors have it: ``shown``."""
         log = replace(self.log, sampled=(sampled, sampled))
         motion = motion_of(self.at.of(log, self.vehicle))
 
@@ -226,7 +226,10 @@ def _costs(regression: _CommandRegression, kinds: tuple[bool, ...], orders: tupl
 
 
 def _neighbours(costs: Mapping[_Kernel, tuple[float, float]], kind: bool, order: int) -> set[_Kernel]:
-    """Cutoffs still to test: neighbours of each sensor's best one. Between two of those tested first, none may seem better than none."""
+    """Cutoffs still to test: neighbours of each sensor's best one.
+
+    They are tested even if that is no better than no low-pass, since the likelihood between two of the first cutoffs may be far higher.
+    """
     of_kind = [one for one in costs if (one.sampled, one.order) == (kind, order)]
     best = {CUTOFFS_HZ.index(min(of_kind, key=lambda one: costs[one][sensor]).cutoff_hz) for sensor in range(len(delay.SENSORS))}
     return {of_kind[0]._replace(cutoff_hz=cutoff) for at in best for cutoff in CUTOFFS_HZ[max(at - 1, 0) : at + 2]} - costs.keys()

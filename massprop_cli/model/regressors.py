@@ -232,27 +232,31 @@ class _Equations:
         return transition, drive
 
     def _swing_step(self) -> Array:
-        """(K − 1, 6, 6) transition of mean rate and tilt where weight alone drives the body, by the matrix exponential of each bin.
+        """(K − 1, 6, 6) transition of mean rate and attitude error, rad/s and rad, by the matrix exponential of each bin.
 
-        A swing near its instability magnifies every error of the transition some thousand times.
+        In a bin the state x = (δω, φ) has ẋ = A x with constant A: gyroscopic and stored momentum's torque, damping and weight by J, and
+        φ̇ = δω − ω × φ. A state is the mean rate of a cycle, as recorded, and φ at its start. A swing near its instability magnifies every
+        error of the transition some thousand times.
         """
         motion, inverse_inertia = self.intra.motion, self.inverse_inertia
         cycles, bins, _ = motion.rate.shape
         by_time = np.zeros((cycles, bins, 6, 6))
         by_time[..., :3, :3] = self.intra.response[:, -6:] @ products_by_rate(motion.rate) - inverse_inertia @ np.diag(self.intra.damping)
+        if (stored := self.here.executed.stored) is not None:
+            by_time[..., :3, :3] += inverse_inertia @ cross_matrix(stored.mean @ stored.axis)
         moments = self.plant.moment_by_tilt(self.reference, motion.up.reshape(-1, 3), np.zeros((cycles * bins, 3)))
         by_time[..., :3, 3:] = inverse_inertia @ (moments.reshape(cycles, bins, 3, 3) + self._room_torque_by_tilt()[:, None])
         by_time[..., 3:, :3], by_time[..., 3:, 3:] = np.eye(3), -cross_matrix(motion.rate)
         by_time *= self.bin_s[:, None, None, None]
-        step = mean = term = np.broadcast_to(np.eye(6), by_time.shape)
-        for order in range(1, ORDERS + 1):
-            term = term @ by_time / order
-            step, mean = step + term, mean + term / (order + 1)
-        whole, means = np.broadcast_to(np.eye(6), (cycles, 6, 6)), np.zeros((cycles, 6, 6))
+        unit = np.broadcast_to(np.eye(6), (cycles, 6, 6))
+        whole, means = unit, np.zeros((cycles, 6, 6))
         for b in range(bins):
-            means = means + mean[:, b] @ whole / bins
-            whole = step[:, b] @ whole
-        to_means = np.broadcast_to(np.eye(6), whole.shape).copy()
+            step = mean = term = unit
+            for order in range(1, ORDERS + 1):
+                term = term @ by_time[:, b] / order
+                step, mean = step + term, mean + term / (order + 1)
+            means, whole = means + mean @ whole / bins, step @ whole
+        to_means = unit.copy()
         to_means[:, :3] = means[:, :3]
         return to_means[1:] @ whole[:-1] @ np.linalg.inv(to_means[:-1])
 

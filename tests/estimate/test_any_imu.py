@@ -311,6 +311,24 @@ def test_a_sensor_that_is_later_than_the_other_is_found_and_its_latency_estimate
     assert {one.verdict for one in answer.conclusions[0].estimates.values()} == {"converged"}
 
 
+@pytest.mark.parametrize("measures", [pytest.param("increment", marks=pytest.mark.thorough), "sample"])
+def test_a_late_sensor_is_found_in_a_log_longer_than_the_part_that_is_searched(measures: Literal["increment", "sample"]) -> None:
+    """1,393 cycles: its likelihood was that of 1,200 of them, so another cause or a low-pass was always likelier."""
+    rng, imu = np.random.default_rng(12), anyimu.Imu(measures=measures, gyro_noise=1e-4, accel_noise=5e-3)
+    own = anyimu.bodies(rng, 1)
+    flown = anyimu.fly(rng, own, imu, 0.02, 28.0, 0.1)
+    used = anyimu.vehicle_of(own, 0, flown, imu, 0.02, 0.1, stated=True)
+    log = anyimu.log_of(flown, 0, imu, used)
+    late = replace(log, delta_v_imu_m_s=np.concatenate([log.delta_v_imu_m_s[:1], log.delta_v_imu_m_s[:-1]]))
+    answer = flow.examine(late, VehicleSource(used, "any-imu", ""))
+    assert [notice.code for notice in answer.notices] == ["imu-kernel"]
+    low_pass = answer.vehicle.imu.accel_filter
+    assert low_pass is not None
+    assert low_pass.order == 0
+    assert abs(low_pass.latency - 0.01) < 4 * low_pass.latency_sigma_s < 0.002
+    assert_within_four_sigmas(answer, anyimu.truth_of(own, 0))
+
+
 @pytest.mark.seeds
 @pytest.mark.thorough
 def test_no_cause_is_named_in_the_little_that_a_late_gyro_leaves() -> None:

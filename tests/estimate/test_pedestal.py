@@ -206,7 +206,7 @@ def test_a_body_hung_from_a_joint_is_told_beside_the_bias_of_its_gyro() -> None:
 
 
 def test_a_wide_swing_that_turns_a_fifth_of_a_radian_a_cycle_is_no_fault() -> None:
-    """Near its instability a swing magnifies what the model of a cycle leaves: of such logs nine in ten were contradicted."""
+    """Near its instability a swing magnifies what the model of a cycle leaves, here up to a thousand times."""
     rng = np.random.default_rng(5)
     own = anypedestal.tables(rng, 3, offset_m=0.05)
     fine = anypedestal.fly(rng, own, "swing", 0.0125, 30.0, tilt_rad=0.9)
@@ -219,6 +219,13 @@ def test_a_wide_swing_that_turns_a_fifth_of_a_radian_a_cycle_is_no_fault() -> No
         assert not answer.notices
         assert not [one for one in found.estimates.values() if one.verdict == "contradicted"]
         assert np.abs((found.values - own.ten[body]) / found.sigmas).max() < 3.5
+
+
+def test_a_table_of_known_inertia_is_turned_by_wheels_as_one_of_unknown() -> None:
+    """It may swing, and so its motion from cycle to cycle is that of a swing: with the momentum of its wheels."""
+    own, answers = found_of(5, "wheels", 2, inertia=0.01)
+    assert [answer.notices for answer in answers] == [(), ()]
+    assert np.abs(deviations(own, answers)).max() < 3.5
 
 
 def swung(rng: np.random.Generator, own: anypedestal.Tables, flown: anypedestal.Flown, body: int, biases: bool = False) -> Analysis:
